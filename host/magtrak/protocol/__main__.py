@@ -1,0 +1,5 @@
+"""``python -m magtrak.protocol`` prints ``docs/protocol.md``."""
+
+from .document import render
+
+print(render(), end="")

@@ -1,0 +1,222 @@
+"""The register map.
+
+Registers are 32 bits wide at word addresses. A narrower value stands in the
+low bits; a signed one is sign-extended to 32. Three scopes:
+
+``NOW``
+    takes effect when written.
+``FRAME``
+    settings of the measurement: kept aside until ``commit`` is written, then in
+    force, all at once, from the first pixel of the next frame. Reading gives
+    what is in force.
+``CARD``
+    read only: what the card is, or measures.
+"""
+
+import enum
+import zlib
+from dataclasses import dataclass
+
+VERSION = 1
+"""Version of the protocol. A host refuses a card of another version."""
+
+MAGIC = 0x4B54474D
+"""Register 0 of every card: "MGTK" in ASCII, first character in the lowest byte."""
+
+LASER_KEY = 0x1A5E
+"""What has to be written to ``laser_arm``; anything else disarms."""
+
+LUT_WORDS = 8
+"""Words of a gate table: 256 entries of one bit, entry i is bit i % 32 of word i // 32."""
+
+
+class Access(enum.Enum):
+    READ = "read"
+    WRITE = "write"
+    BOTH = "read, write"
+
+
+class Scope(enum.Enum):
+    NOW = "now"
+    FRAME = "frame"
+    CARD = "card"
+
+
+class Detector(enum.IntEnum):
+    """How the position of a run is measured."""
+
+    BINARY = 0
+    FIR = 1
+
+
+class Choice(enum.IntEnum):
+    """Which run of a row counts."""
+
+    STRONGEST = 0
+
+
+@dataclass(frozen=True)
+class Register:
+    """One register, or a table of ``words`` registers at consecutive addresses.
+
+    Parameters
+    ----------
+    name : identifier
+    address : word address
+    bits : width of the value, 1 to 32
+    scope : when a written value takes effect
+    access : what the host may do
+    doc : what it means, one sentence
+    unit : unit or fixed-point format
+    init : value after reset
+    signed : two's complement
+    low, high : values accepted; others are refused as out of range. By default
+        all that ``bits`` can hold.
+    words : number of registers
+    """
+
+    name: str
+    address: int
+    bits: int
+    scope: Scope
+    access: Access
+    doc: str
+    unit: str = ""
+    init: int = 0
+    signed: bool = False
+    low: int | None = None
+    high: int | None = None
+    words: int = 1
+
+    @property
+    def range(self) -> tuple[int, int]:
+        """Smallest and largest value accepted."""
+        if self.signed:
+            low, high = -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
+        else:
+            low, high = 0, (1 << self.bits) - 1
+        return low if self.low is None else self.low, high if self.high is None else self.high
+
+    def encode(self, value: int) -> int:
+        """The 32-bit word for ``value``; :exc:`ValueError` where it is out of range."""
+        low, high = self.range
+        if not low <= value <= high:
+            raise ValueError(f"register {self.name} takes {low} to {high}, not {value}")
+        return value & 0xFFFF_FFFF
+
+    def decode(self, word: int) -> int:
+        """The value of a 32-bit word as read."""
+        value = word & ((1 << self.bits) - 1)
+        if self.signed and value >> (self.bits - 1):
+            value -= 1 << self.bits
+        return value
+
+
+def _card(name: str, address: int, bits: int, doc: str, unit: str = "", *, signed: bool = False) -> Register:
+    return Register(name, address, bits, Scope.CARD, Access.READ, doc, unit, signed=signed)
+
+
+def _now(name: str, address: int, bits: int, doc: str, unit: str = "", **more: int) -> Register:
+    return Register(name, address, bits, Scope.NOW, Access.BOTH, doc, unit, **more)  # type: ignore[arg-type]
+
+
+def _frame(name: str, address: int, bits: int, doc: str, unit: str = "", **more: int) -> Register:
+    return Register(name, address, bits, Scope.FRAME, Access.BOTH, doc, unit, **more)  # type: ignore[arg-type]
+
+
+REGISTERS: tuple[Register, ...] = (
+    # What the card is.
+    _card("magic", 0x0000, 32, "0x4B54474D; any other value: not a Magtrak card"),
+    _card("version", 0x0001, 16, "version of the protocol"),
+    _card("map_hash", 0x0002, 32, "CRC-32 of the register map and packet layouts of the gateware"),
+    _card("clock_hz", 0x0003, 32, "frequency of the card's clock, in which all times count", "Hz"),
+    _card("max_columns", 0x0004, 16, "columns that an image may have", "px"),
+    _card("max_rows", 0x0005, 16, "rows of an image that the card stores", "px"),
+    # Acquisition.
+    _now("run", 0x0010, 1, "1: images are measured and sent, from the next whole one on"),
+    _now("form", 0x0011, 1, "a RowForm: 0 compact, 1 full rows", init=1),
+    Register(
+        "commit", 0x0012, 16, Scope.NOW, Access.WRITE,
+        "puts the settings written so far in force at the next frame, under this generation number",
+    ),
+    _card("generation", 0x0013, 16, "generation in force"),
+    _card("pending", 0x0014, 1, "1: a commit waits for the next frame"),
+    _card("frames", 0x0015, 32, "images seen since reset"),
+    _card("dropped", 0x0016, 32, "images dropped because no buffer was free"),
+    _card("damaged_commands", 0x0017, 16, "commands that were not intact, saturating"),
+    _card("camera_errors", 0x0018, 8, "every camera error since reset: see camera errors"),
+    # Settings of the measurement.
+    _frame("weight_r", 0x0100, 10, "weight of red", "1/256", signed=True, init=85),
+    _frame("weight_g", 0x0101, 10, "weight of green", "1/256", signed=True, init=86),
+    _frame("weight_b", 0x0102, 10, "weight of blue", "1/256", signed=True, init=85),
+    _frame("floor", 0x0103, 8, "subtracted from the mix: only what is above belongs to a run", "grey levels", init=20),
+    _frame("run_gated", 0x0104, 12, "gated pixels that a run needs in it or within reach", "px", init=1),
+    _frame("run_reach", 0x0105, 4, "how far from a run gated pixels count for it", "px", init=8),
+    _frame("run_bridge", 0x0106, 4, "longest gap that does not end a run", "px"),
+    _frame("run_width_min", 0x0107, 12, "narrowest run that counts", "px", init=1),
+    _frame("run_width_max", 0x0108, 12, "widest run that counts", "px", init=4095),
+    _frame("column_first", 0x0109, 12, "first column of the region of interest", "px"),
+    _frame("column_last", 0x010A, 12, "last column of the region of interest", "px", init=4095),
+    _frame("row_first", 0x010B, 12, "first row of the region of interest", "px"),
+    _frame("row_last", 0x010C, 12, "last row of the region of interest", "px", init=4095),
+    _frame("detector", 0x010D, 3, "a Detector", init=int(Detector.FIR), high=max(Detector)),
+    _frame("choice", 0x010E, 3, "a Choice", high=max(Choice)),
+    _frame("ambiguous_ratio", 0x010F, 8, "a runner-up of at least this part of the sum makes a row ambiguous", "1/256", init=128),
+    _frame("exposure_us", 0x0110, 32, "exposure of the camera; only passed on in each frame", "us"),
+    _frame("time_offset_ns", 0x0111, 32, "added to the calibration's time offset by the host; only passed on", "ns", signed=True),
+    *(
+        Register(
+            f"lut_{axis}", 0x0200 + 0x10 * number, 32, Scope.FRAME, Access.WRITE,
+            f"gate table of {axis}: bit set, colour passes; load all three tables before each commit",
+            words=LUT_WORDS,
+        )
+        for number, axis in enumerate(("hue", "luminance", "saturation"))
+    ),
+    # Encoder and index barrier.
+    _now("encoder_filter", 0x0300, 8, "clocks that A, B and index must be stable to count", "clocks", init=3),
+    _now("encoder_swap", 0x0301, 1, "1: swap A and B, which reverses the direction"),
+    _now("index_invert", 0x0302, 1, "1: the index barrier is active low"),
+    _now("counts_per_turn", 0x0303, 24, "encoder counts of one turn, to check every turn; 0: no check", "counts"),
+    _card("count", 0x0304, 32, "encoder count", "counts", signed=True),
+    _card("index_count", 0x0305, 32, "count at the last pass of the index", "counts", signed=True),
+    _card("index_passes", 0x0306, 16, "passes of the index since reset, modulo 65536"),
+    _card("encoder_errors", 0x0307, 32, "see encoder errors"),
+    # Motor.
+    _now("motor_period", 0x0320, 16, "period of the PWM, at least 16", "clocks", init=1024, low=16),
+    _now("motor_duty", 0x0321, 16, "duty and direction", "1/32768", signed=True, low=-32767),
+    _now("motor_brake", 0x0322, 1, "1: brake output on, PWM off"),
+    # Laser.
+    Register(
+        "laser_arm", 0x0340, 16, Scope.NOW, Access.WRITE,
+        "0x1A5E arms the laser, anything else disarms it; writing needs the interlock closed",
+    ),
+    _now("laser_lease_ms", 0x0341, 16, "the laser goes off and is disarmed when no intact command came for this long", "ms", init=1000, low=10),
+    _now("laser_delay_ms", 0x0342, 16, "time from arming to emission; the lamp is on meanwhile", "ms", init=100),
+    _card("laser_state", 0x0343, 8, "bit 0 emitting, 1 armed, 2 interlock closed, 3 lease alive"),
+    _card("laser_cause", 0x0344, 8, "why the laser was last disarmed: 0 never armed, 1 by command, 2 interlock opened, 3 lease lapsed"),
+)
+
+
+_BY_NAME = {register.name: register for register in REGISTERS}
+assert len(_BY_NAME) == len(REGISTERS), "a register name is used twice"
+
+
+def register(name: str) -> Register:
+    """The register of that name; :exc:`KeyError` names it where there is none."""
+    try:
+        return _BY_NAME[name]
+    except KeyError:
+        raise KeyError(f"no register is called {name!r}") from None
+
+
+def map_hash() -> int:
+    """CRC-32 of everything both sides must agree on, as the card reports it."""
+    from . import packets  # imported late: packets are the other half of what is hashed
+
+    lines = [f"version {VERSION}"]
+    lines += [
+        f"{r.name} {r.address} {r.bits} {r.scope.value} {r.access.value} {r.signed} {r.range} {r.words}" for r in REGISTERS
+    ]
+    for layout in (packets.COMMAND, packets.ANSWER, packets.FRAME, packets.EDGE, packets.COMPACT_ROW, packets.FULL_ROW):
+        lines += [f"{layout.name} {offset} {field.name} {field.bits} {field.signed}" for offset, field in layout]
+    return zlib.crc32("\n".join(lines).encode())
