@@ -136,7 +136,11 @@ REGISTERS: tuple[Register, ...] = (
     _now("run", 0x0010, 1, "1: images are measured and sent, from the next whole one on"),
     _now("form", 0x0011, 1, "a RowForm: 0 compact, 1 full rows", init=1),
     Register(
-        "commit", 0x0012, 16, Scope.NOW, Access.WRITE,
+        "commit",
+        0x0012,
+        16,
+        Scope.NOW,
+        Access.WRITE,
         "puts the settings written so far in force at the next frame, under this generation number",
     ),
     _card("generation", 0x0013, 16, "generation in force"),
@@ -161,12 +165,30 @@ REGISTERS: tuple[Register, ...] = (
     _frame("row_last", 0x010C, 12, "last row of the region of interest", "px", init=4095),
     _frame("detector", 0x010D, 3, "a Detector", init=int(Detector.FIR), high=max(Detector)),
     _frame("choice", 0x010E, 3, "a Choice", high=max(Choice)),
-    _frame("ambiguous_ratio", 0x010F, 8, "a runner-up of at least this part of the sum makes a row ambiguous", "1/256", init=128),
+    _frame(
+        "ambiguous_ratio",
+        0x010F,
+        8,
+        "a runner-up of at least this part of the sum makes a row ambiguous",
+        "1/256",
+        init=128,
+    ),
     _frame("exposure_us", 0x0110, 32, "exposure of the camera; only passed on in each frame", "us"),
-    _frame("time_offset_ns", 0x0111, 32, "added to the calibration's time offset by the host; only passed on", "ns", signed=True),
+    _frame(
+        "time_offset_ns",
+        0x0111,
+        32,
+        "added to the calibration's time offset by the host; only passed on",
+        "ns",
+        signed=True,
+    ),
     *(
         Register(
-            f"lut_{axis}", 0x0200 + 0x10 * number, 32, Scope.FRAME, Access.WRITE,
+            f"lut_{axis}",
+            0x0200 + 0x10 * number,
+            32,
+            Scope.FRAME,
+            Access.WRITE,
             f"gate table of {axis}: bit set, colour passes; load all three tables before each commit",
             words=LUT_WORDS,
         )
@@ -187,13 +209,30 @@ REGISTERS: tuple[Register, ...] = (
     _now("motor_brake", 0x0322, 1, "1: brake output on, PWM off"),
     # Laser.
     Register(
-        "laser_arm", 0x0340, 16, Scope.NOW, Access.WRITE,
+        "laser_arm",
+        0x0340,
+        16,
+        Scope.NOW,
+        Access.WRITE,
         "0x1A5E arms the laser, anything else disarms it; writing needs the interlock closed",
     ),
-    _now("laser_lease_ms", 0x0341, 16, "the laser goes off and is disarmed when no intact command came for this long", "ms", init=1000, low=10),
+    _now(
+        "laser_lease_ms",
+        0x0341,
+        16,
+        "the laser is disarmed when no intact command came for this long",
+        "ms",
+        init=1000,
+        low=10,
+    ),
     _now("laser_delay_ms", 0x0342, 16, "time from arming to emission; the lamp is on meanwhile", "ms", init=100),
     _card("laser_state", 0x0343, 8, "bit 0 emitting, 1 armed, 2 interlock closed, 3 lease alive"),
-    _card("laser_cause", 0x0344, 8, "why the laser was last disarmed: 0 never armed, 1 by command, 2 interlock opened, 3 lease lapsed"),
+    _card(
+        "laser_cause",
+        0x0344,
+        8,
+        "why the laser is off: 0 never armed, 1 by command, 2 interlock opened, 3 lease lapsed",
+    ),
 )
 
 
@@ -215,7 +254,8 @@ def map_hash() -> int:
 
     lines = [f"version {VERSION}"]
     lines += [
-        f"{r.name} {r.address} {r.bits} {r.scope.value} {r.access.value} {r.signed} {r.range} {r.words}" for r in REGISTERS
+        f"{r.name} {r.address} {r.bits} {r.scope.value} {r.access.value} {r.signed} {r.range} {r.words}"
+        for r in REGISTERS
     ]
     for layout in (packets.COMMAND, packets.ANSWER, packets.FRAME, packets.EDGE, packets.COMPACT_ROW, packets.FULL_ROW):
         lines += [f"{layout.name} {offset} {field.name} {field.bits} {field.signed}" for offset, field in layout]

@@ -1,0 +1,1 @@
+"""Rows and headers of two frames, on their way to the link."""

@@ -1,0 +1,128 @@
+"""Amaranth shapes of what :mod:`magtrak.protocol` defines, and the streams inside the card."""
+
+from amaranth.hdl import Shape
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import Out
+from magtrak import protocol
+from magtrak.protocol import Access, Layout, Scope
+
+
+def struct(layout: Layout) -> data.StructLayout:
+    """A protocol layout as an Amaranth one, bit for bit."""
+    return data.StructLayout({field.name: Shape(field.bits, field.signed) for field in layout.fields})
+
+
+def settings(scope: Scope) -> data.StructLayout:
+    """The values of all registers of a scope that the host can read and write."""
+    return data.StructLayout(
+        {r.name: Shape(r.bits, r.signed) for r in protocol.REGISTERS if r.scope is scope and r.access is Access.BOTH}
+    )
+
+
+FrameSettings = settings(Scope.FRAME)
+"""Settings in force for one whole frame. They change in the clock after the first pixel of a
+frame was taken: a block may use them from its second pipeline stage on."""
+
+NowSettings = settings(Scope.NOW)
+
+Row = struct(protocol.FULL_ROW)
+FrameHeader = struct(protocol.FRAME)
+Edge = struct(protocol.EDGE)
+CameraErrors = struct(protocol.CAMERA_ERRORS)
+EncoderErrors = struct(protocol.ENCODER_ERRORS)
+
+
+class Pixel(data.Struct):
+    """A pixel and where it stands.
+
+    A row comes as consecutive or spaced pixels from ``row_first`` to ``row_last``; the first pixel
+    of an image has ``frame_first`` as well.
+    """
+
+    r: 8
+    g: 8
+    b: 8
+    row_first: 1
+    row_last: 1
+    frame_first: 1
+
+
+class Video(wiring.Signature):
+    """Images from a source that cannot wait.
+
+    Contract of the source: at most one pixel a clock; at least 16 clocks from ``row_last`` to the next
+    ``row_first``, 48 clocks from ``row_first`` to ``row_first``, and one blank row (at least 64 clocks)
+    between the last pixel of an image and the next image. ``frame_end`` is a strobe in the blank row, with
+    or after the last pixel and before the next ``frame_first``.
+
+    Members
+    -------
+    pixel : stream of :class:`Pixel`, always ready
+    frame_end : the image is complete
+    """
+
+    def __init__(self) -> None:
+        super().__init__({"pixel": Out(stream.Signature(Pixel, always_ready=True)), "frame_end": Out(1)})
+
+
+class LutWrite(wiring.Signature):
+    """Writes to the gate tables: word ``word`` of the idle bank of table ``axis`` (0 hue, 1 luminance,
+    2 saturation), and the strobe that exchanges the banks of all three.
+    """
+
+    def __init__(self) -> None:
+        super().__init__({"valid": Out(1), "axis": Out(2), "word": Out(3), "data": Out(32), "swap": Out(1)})
+
+
+class RowResult(data.Struct):
+    """What was measured in row ``row`` of the image."""
+
+    row: 12
+    record: Row
+
+
+class Rows(wiring.Signature):
+    """Results of an image: its rows in order, then ``frame_end``.
+
+    Members
+    -------
+    row : stream of :class:`RowResult`, always ready; at most one in 32 clocks
+    frame_end : strobe, after the last row of the image
+    """
+
+    def __init__(self) -> None:
+        super().__init__({"row": Out(stream.Signature(RowResult, always_ready=True)), "frame_end": Out(1)})
+
+
+class Packet(data.Struct):
+    """A byte of a packet, and whether it is the packet's last."""
+
+    data: 8
+    last: 1
+
+
+Bytes = stream.Signature(8)
+"""Bytes as the physical link moves them, delimiters included."""
+
+Packets = stream.Signature(Packet)
+"""Packets as blocks inside the card pass them on, neither framed nor encoded."""
+
+__all__ = [
+    "Bytes",
+    "CameraErrors",
+    "Edge",
+    "EncoderErrors",
+    "FrameHeader",
+    "FrameSettings",
+    "LutWrite",
+    "NowSettings",
+    "Packet",
+    "Packets",
+    "Pixel",
+    "Row",
+    "RowResult",
+    "Rows",
+    "Video",
+    "settings",
+    "struct",
+]

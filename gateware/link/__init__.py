@@ -1,0 +1,1 @@
+"""Packets over a byte stream."""

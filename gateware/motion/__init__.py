@@ -1,0 +1,1 @@
+"""Encoder, index barrier, motor and laser."""

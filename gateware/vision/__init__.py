@@ -1,0 +1,1 @@
+"""From pixels to one sub-pixel position per row."""

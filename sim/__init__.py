@@ -1,0 +1,1 @@
+"""The virtual card: the gateware in Verilator, with scene, camera and motor around it."""
