@@ -1,0 +1,94 @@
+"""The board of the virtual card: the core with every port under a flat name.
+
+``python -m boards.simulation [max_columns [max_rows]]`` prints it as Verilog.
+Verilator renames double underscores, so no port has one.
+"""
+
+import sys
+
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from gateware.core import Core
+from gateware.verilog import verilog
+
+_WIRES = {
+    "encoder_a": In(1),
+    "encoder_b": In(1),
+    "index": In(1),
+    "interlock": In(1),
+    "clock_hz": In(32),
+    "pwm": Out(1),
+    "direction": Out(1),
+    "brake": Out(1),
+    "laser": Out(1),
+    "lamp": Out(1),
+    "run": Out(1),
+}
+
+
+class SimulationTop(wiring.Component):
+    """:class:`~gateware.core.Core`, flat. Clock and reset are the ports ``clk`` and ``rst``.
+
+    Parameters
+    ----------
+    max_columns, max_rows : as in :class:`~gateware.core.Core`
+
+    Members
+    -------
+    video_valid, video_r, video_g, video_b, video_row_first, video_row_last, video_frame_first :
+        a pixel, taken in every clock in which it is valid
+    video_frame_end : strobe after the last pixel of an image
+    rx_valid, rx_data, rx_ready, tx_valid, tx_data, tx_ready : bytes; one moves in each clock
+        in which valid and ready are both high
+    encoder_a, encoder_b, index, interlock, clock_hz, pwm, direction, brake, laser, lamp, run :
+        as in :class:`~gateware.core.Core`
+    """
+
+    def __init__(self, max_columns: int = 2048, max_rows: int = 2048) -> None:
+        self.core = Core(max_columns, max_rows)
+        super().__init__(
+            {
+                "video_valid": In(1),
+                "video_r": In(8),
+                "video_g": In(8),
+                "video_b": In(8),
+                "video_row_first": In(1),
+                "video_row_last": In(1),
+                "video_frame_first": In(1),
+                "video_frame_end": In(1),
+                "rx_valid": In(1),
+                "rx_data": In(8),
+                "rx_ready": Out(1),
+                "tx_valid": Out(1),
+                "tx_data": Out(8),
+                "tx_ready": In(1),
+                **_WIRES,
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.core = core = self.core
+        pixel = core.video.pixel
+        m.d.comb += [
+            pixel.valid.eq(self.video_valid),
+            core.video.frame_end.eq(self.video_frame_end),
+            core.rx.valid.eq(self.rx_valid),
+            core.rx.payload.eq(self.rx_data),
+            self.rx_ready.eq(core.rx.ready),
+            self.tx_valid.eq(core.tx.valid),
+            self.tx_data.eq(core.tx.payload),
+            core.tx.ready.eq(self.tx_ready),
+        ]
+        for name in ("r", "g", "b", "row_first", "row_last", "frame_first"):
+            m.d.comb += pixel.payload[name].eq(getattr(self, f"video_{name}"))
+        for name, member in _WIRES.items():
+            inner, outer = getattr(core, name), getattr(self, name)
+            m.d.comb += inner.eq(outer) if member.flow is In else outer.eq(inner)
+        return m
+
+
+if __name__ == "__main__":
+    print(verilog(SimulationTop(*map(int, sys.argv[1:]))), end="")
