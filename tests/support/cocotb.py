@@ -1,0 +1,59 @@
+"""Runs a cocotb module on a component, in Verilator."""
+
+import hashlib
+import os
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+from cocotb_tools.check_results import get_results
+from cocotb_tools.runner import get_runner
+
+from sim import verilator
+
+BUILD = verilator.BUILD.parent / "cocotb"
+
+
+def simulate_cocotb(verilog: str, module: str, *, variables: Mapping[str, str] | None = None) -> None:
+    """Run all tests of a cocotb module on the Verilog module ``top``; fail where one fails.
+
+    The simulator is built once for each text and kept in ``build/cocotb``.
+
+    Parameters
+    ----------
+    verilog : text with a module ``top``
+    module : importable name, as ``cocotb.tb_core``; its functions see the ports of ``top``
+    variables : environment variables for the tests
+    """
+    digest = hashlib.sha256(f"{verilog}\0{version('verilator')}\0{version('cocotb')}".encode()).hexdigest()[:16]
+    folder = BUILD / digest
+    folder.mkdir(parents=True, exist_ok=True)
+    source = folder / "top.v"
+    runner = get_runner("verilator")
+    before = dict(os.environ)
+    os.environ.update(verilator.environment())
+    try:
+        if not source.exists():  # a file as old as its build keeps make from building again
+            source.write_text(verilog)
+        runner.build(
+            sources=[source],
+            hdl_toplevel="top",
+            build_dir=folder,
+            build_args=["-Wno-fatal", "--x-assign", "fast", "-O3"],
+            timescale=("1ns", "1ps"),
+            log_file=folder / "build.log",
+        )
+        results = folder / f"{module}.xml"
+        runner.test(
+            hdl_toplevel="top",
+            test_module=module,
+            build_dir=folder,
+            results_xml=str(results),
+            extra_env={"PYTHONPATH": str(Path(__file__).resolve().parents[2]), **(variables or {})},
+        )
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+    tests, failed = get_results(results)
+    assert tests, f"{module} has no test"
+    assert not failed, f"{failed} of {tests} tests of {module} failed; their output is above"
