@@ -1,5 +1,5 @@
-"""The one error of the virtual card."""
+"""The one error that a user of the simulator may see."""
 
 
 class SimError(Exception):
-    """A user's mistake or a missing tool, in one sentence that says what to do."""
+    """A user's mistake, as one sentence that names the thing, the value and what to do."""
