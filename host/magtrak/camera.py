@@ -1,0 +1,161 @@
+"""Camera models: pixels to rays and back.
+
+Camera frame C: X right, Y down, Z forward, millimetres. Pixel (0, 0) is the centre of the first pixel, as in OpenCV.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+from .arrays import Floats
+from .errors import CalibrationError
+
+
+class CameraModel(Protocol):
+    """What the triangulation needs of a camera.
+
+    Attributes
+    ----------
+    centre : point of C in which all rays meet, (3,), mm
+    """
+
+    centre: Floats
+
+    def ray(self, u: Floats, v: Floats) -> Floats:
+        """Unit vectors (N, 3) from the centre along the rays of the pixels (u, v), (N,) each, pointing forward."""
+        ...
+
+    def project(self, points: Floats) -> Floats:
+        """Pixels (N, 2) of points (N, 3) in mm; NaN for points at or behind the centre's plane."""
+        ...
+
+
+class BrownConrady:
+    """Pinhole with radial and tangential distortion: 4, 5 or 8 coefficients, k1 k2 p1 p2 [k3 [k4 k5 k6]].
+
+    The distortion is taken out by fixed-point steps, as in ``cv2.undistortPoints``. How many is found once, on the
+    border of the picture, where distortion is largest: until the pixel comes back within 0.0001 px.
+
+    Parameters
+    ----------
+    matrix : (3, 3), [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in px
+    distortion : (4,), (5,) or (8,)
+    width, height : size of the picture, px
+
+    Attributes
+    ----------
+    steps : fixed-point steps in use
+
+    Raises
+    ------
+    CalibrationError
+        The distortion cannot be taken out at the border of the picture.
+
+    Source: D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37(8), 1971, in the form of
+    OpenCV's ``calib3d``.
+    """
+
+    TOLERANCE_PX = 1e-4
+    MAX_STEPS = 60
+
+    def __init__(self, matrix: Floats, distortion: Floats, width: int, height: int) -> None:
+        self.matrix = np.asarray(matrix, dtype=np.float64)
+        self.distortion = np.zeros(8)
+        self.distortion[: len(distortion)] = distortion
+        self.centre: Floats = np.zeros(3)
+        self.steps = self._find_steps(width, height)
+
+    def ray(self, u: Floats, v: Floats) -> Floats:
+        x, y = self._undistort(*self._normalise(u, v), self.steps)
+        directions = np.stack([x, y, np.ones_like(x)], axis=-1)
+        return _unit(directions)
+
+    def project(self, points: Floats) -> Floats:
+        points = np.asarray(points, dtype=np.float64)
+        z = np.where(points[:, 2] > 0, points[:, 2], np.nan)
+        x, y = self._distort(points[:, 0] / z, points[:, 1] / z)
+        return np.stack(self._pixels(x, y), axis=-1)
+
+    def _normalise(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+        k = self.matrix
+        return (np.asarray(u) - k[0, 2]) / k[0, 0], (np.asarray(v) - k[1, 2]) / k[1, 1]
+
+    def _pixels(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        k = self.matrix
+        return k[0, 0] * x + k[0, 2], k[1, 1] * y + k[1, 2]
+
+    def _terms(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+        """Radial factor and tangential shifts at an undistorted point."""
+        k1, k2, p1, p2, k3, k4, k5, k6 = self.distortion
+        r2 = x * x + y * y
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        return radial, dx, dy
+
+    def _distort(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        radial, dx, dy = self._terms(x, y)
+        return x * radial + dx, y * radial + dy
+
+    def _undistort(self, xd: Floats, yd: Floats, steps: int) -> tuple[Floats, Floats]:
+        x, y = xd, yd
+        for _ in range(steps):
+            radial, dx, dy = self._terms(x, y)
+            x, y = (xd - dx) / radial, (yd - dy) / radial
+        return x, y
+
+    def _find_steps(self, width: int, height: int) -> int:
+        along = np.linspace(0, 1, 17)
+        zero, one = np.zeros_like(along), np.ones_like(along)
+        u = np.concatenate([along, along, zero, one]) * (width - 1)
+        v = np.concatenate([zero, one, along, along]) * (height - 1)
+        xd, yd = self._normalise(u, v)
+        error = np.full_like(u, np.inf)
+        with np.errstate(all="ignore"):  # what diverges shows in the error
+            for steps in range(1, self.MAX_STEPS + 1):
+                x, y = self._undistort(xd, yd, steps)
+                back_u, back_v = self._pixels(*self._distort(x, y))
+                error = np.nan_to_num(np.hypot(back_u - u, back_v - v), nan=np.inf)
+                if error.max() < self.TOLERANCE_PX:
+                    return steps
+        worst = int(error.argmax())
+        raise CalibrationError(
+            f"camera.distortion cannot be taken out at pixel ({u[worst]:.0f}, {v[worst]:.0f}) of {width} x {height}:"
+            " calibrate again with views that reach the corners, or with fewer coefficients"
+        )
+
+
+class Projection:
+    """The linear model of the paper (eqs 1 to 3): pixels = matrix * (X, Y, Z, 1), divided by the third.
+
+    Parameters
+    ----------
+    matrix : (3, 4), from C in mm to pixels; any scale and sign
+
+    Raises
+    ------
+    CalibrationError
+        The left 3 x 3 of the matrix is singular: no camera at a finite place.
+    """
+
+    def __init__(self, matrix: Floats) -> None:
+        matrix = np.asarray(matrix, dtype=np.float64)
+        if np.linalg.cond(matrix[:, :3]) > 1e12:
+            raise CalibrationError("camera.matrix has a singular left 3 x 3: no camera at a finite place projects so")
+        # Z of C points forward: the third homogeneous coordinate shall grow with it.
+        self.matrix: Floats = matrix if matrix[2, 2] > 0 else -matrix
+        self._inverse = np.asarray(np.linalg.inv(self.matrix[:, :3]), dtype=np.float64)
+        self.centre: Floats = -self._inverse @ self.matrix[:, 3]
+
+    def ray(self, u: Floats, v: Floats) -> Floats:
+        pixels = np.stack([u, v, np.ones_like(u)], axis=-1)
+        return _unit(pixels @ self._inverse.T)
+
+    def project(self, points: Floats) -> Floats:
+        h = np.asarray(points, dtype=np.float64) @ self.matrix[:, :3].T + self.matrix[:, 3]
+        w = np.where(h[:, 2] > 0, h[:, 2], np.nan)
+        return np.asarray(h[:, :2] / w[:, None])
+
+
+def _unit(directions: Floats) -> Floats:
+    return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True), dtype=np.float64)

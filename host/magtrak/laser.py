@@ -1,0 +1,56 @@
+"""The swept laser plane: encoder counts to angles, angles to planes in the camera frame.
+
+Laser frame L: Z_L along the rotation axis, X_L along the light at alpha = 0. At angle alpha the plane has the normal
+n(alpha) = Rz(alpha) (0, cos tilt, sin tilt) and the equation n . P = offset; tilt = offset = 0 is eq 6 of the paper.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .arrays import Floats
+
+
+@dataclass(frozen=True)
+class Laser:
+    """A laser plane turned by a motor with an encoder.
+
+    Parameters
+    ----------
+    camera_from_laser : (4, 4), takes points of L to C, mm
+    offset_mm : signed distance of the axis from the plane
+    tilt_rad : angle between the plane and the axis
+    zero_rad : alpha at the index
+    sense : 1 or -1, direction of alpha against that of the counts
+    counts_per_turn : counts of one turn
+    error_table : counts to add, equally spaced over the turn from the index on, linear between; empty for none
+    """
+
+    camera_from_laser: Floats
+    offset_mm: float = 0.0
+    tilt_rad: float = 0.0
+    zero_rad: float = 0.0
+    sense: int = 1
+    counts_per_turn: int = 8192
+    error_table: Floats = field(default_factory=lambda: np.zeros(0))
+
+    def alpha(self, counts: Floats) -> Floats:
+        """Angles in rad, wrapped to +-pi, of positions in counts from the index (fractions included)."""
+        counts = np.asarray(counts, dtype=np.float64)
+        if len(self.error_table):
+            lines = len(self.error_table)
+            closed = np.append(self.error_table, self.error_table[0])
+            at = np.mod(counts * (lines / self.counts_per_turn), lines)
+            counts = counts + np.interp(at, np.arange(lines + 1), closed)
+        turns = self.sense * counts / self.counts_per_turn + self.zero_rad / (2 * np.pi)
+        return np.asarray((turns - np.round(turns)) * (2 * np.pi))
+
+    def planes(self, alpha: Floats) -> tuple[Floats, Floats]:
+        """Planes n . P = d in C: unit normals (N, 3) and d (N,) in mm, for angles (N,)."""
+        alpha = np.asarray(alpha, dtype=np.float64)
+        cos_tilt, sin_tilt = np.cos(self.tilt_rad), np.sin(self.tilt_rad)
+        in_laser = np.stack(
+            [-np.sin(alpha) * cos_tilt, np.cos(alpha) * cos_tilt, np.full_like(alpha, sin_tilt)], axis=-1
+        )
+        normals = in_laser @ self.camera_from_laser[:3, :3].T
+        return normals, normals @ self.camera_from_laser[:3, 3] + self.offset_mm
