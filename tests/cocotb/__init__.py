@@ -1,0 +1,1 @@
+"""Modules that run inside the simulator (``tb_*``), and the tests that start them."""

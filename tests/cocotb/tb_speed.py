@@ -1,0 +1,41 @@
+"""The whole card with a pixel at each clock, timed; started by ``tests.bench.virtual_card``."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import cocotb
+from cocotb.clock import Clock
+from cocotb.triggers import FallingEdge
+from tests.bench.virtual_card import CLOCK_HZ, ROW_CLOCKS, WIDTH, picture
+
+ROWS = 60
+
+
+@cocotb.test()
+async def test_speed(dut):
+    image = picture()[:ROWS].tolist()
+    for port in ("rst", "video_valid", "video_frame_end", "encoder_a", "encoder_b", "index", "rx_valid"):
+        getattr(dut, port).value = 0
+    dut.clock_hz.value = CLOCK_HZ
+    dut.interlock.value = 1
+    dut.tx_ready.value = 1
+    Clock(dut.clk, 10, unit="ns").start()
+    await FallingEdge(dut.clk)
+    started = time.perf_counter()
+    for y, row in enumerate(image):
+        for x, (r, g, b) in enumerate(row):
+            dut.video_valid.value = 1
+            dut.video_r.value = r
+            dut.video_g.value = g
+            dut.video_b.value = b
+            dut.video_row_first.value = x == 0
+            dut.video_row_last.value = x == WIDTH - 1
+            dut.video_frame_first.value = x == 0 and y == 0
+            await FallingEdge(dut.clk)
+        dut.video_valid.value = 0
+        for _ in range(ROW_CLOCKS - WIDTH):
+            await FallingEdge(dut.clk)
+    speed = ROWS * ROW_CLOCKS / (time.perf_counter() - started)
+    Path(os.environ["MAGTRAK_SPEED"]).write_text(json.dumps({"clocks_per_second": speed}))
