@@ -1,0 +1,289 @@
+"""Scenes: a rig and what stands before it, read from TOML.
+
+A scene is a file, or the name of one in ``sim/scenes``; every field is explained in ``default.toml`` there.
+
+``python -m sim.scene NAME --calibration FILE.json`` writes the calibration that belongs to a scene.
+"""
+
+import json
+import tomllib
+from dataclasses import dataclass, replace
+from math import cos, radians, sin
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from . import optics
+from .errors import SimError
+from .motor import INDEX_WIDTH_COUNTS, Motor, MotorParameters
+from .optics import Camera, Laser
+from .playback import Playback, steady
+from .surfaces import Box, Cylinder, Floats, Plane, Sphere, Surface
+from .tables import Table
+from .timing import Timing
+
+FOLDER = Path(__file__).parent / "scenes"
+
+
+@dataclass(frozen=True)
+class Ambient:
+    """Light of the room: ``colour`` in grey levels on a white surface that faces ``direction``; ``diffuse`` of it
+    comes from everywhere.
+    """
+
+    colour: tuple[float, ...]
+    direction: tuple[float, ...]
+    diffuse: float
+
+
+@dataclass(frozen=True)
+class Object:
+    """A surface and its colour: the parts of red, green and blue that it reflects."""
+
+    surface: Surface
+    albedo: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """The nominal scan: the motor's angle at the first row of all and at the last."""
+
+    frames: int
+    start_rad: float
+    end_rad: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that is simulated around the card."""
+
+    name: str
+    camera: Camera
+    timing: Timing
+    laser: Laser
+    counts_per_turn: int
+    index_width_counts: int
+    motor_parameters: MotorParameters
+    motor_start_rad: float
+    ambient: Ambient
+    objects: tuple[Object, ...]
+    scan: Scan
+
+    @classmethod
+    def load(cls, name: str | Path) -> "Scene":
+        """A ready-made scene by name, or one from a file.
+
+        Raises
+        ------
+        SimError : it can't be read, or a field is wrong; names file, field and value
+        """
+        path = Path(name)
+        if path.suffix != ".toml":
+            path = FOLDER / f"{name}.toml"
+            if not path.is_file():
+                known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
+                raise SimError(f"there is no scene called {name}; there are {known}, or give a .toml file")
+        try:
+            with path.open("rb") as file:
+                values = tomllib.load(file)
+        except OSError as error:
+            raise SimError(f"the scene {path} can't be read: {error.strerror}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise SimError(f"the scene {path} is not valid TOML: {error}") from error
+        return _scene(path.stem, Table(path, "", values))
+
+    def override(
+        self,
+        frame_rate_hz: float | None = None,
+        row_time_us: float | None = None,
+        exposure_ms: float | None = None,
+    ) -> "Scene":
+        """The scene with another timing. The picture's brightness stays, as if the gain followed the exposure.
+
+        Raises
+        ------
+        SimError : it does not fit together
+        """
+        timing = self.timing
+        changes: dict[str, float | None] = {}
+        if frame_rate_hz is not None:
+            changes["frame_rate_hz"] = frame_rate_hz
+        if row_time_us is not None:
+            changes["row_time_s"] = row_time_us * 1e-6
+        if exposure_ms is not None:
+            changes["exposure_s"] = exposure_ms * 1e-3
+        return replace(self, timing=replace(timing, **changes))  # type: ignore[arg-type]
+
+    @property
+    def surfaces(self) -> list[Surface]:
+        """The surfaces of the objects."""
+        return [item.surface for item in self.objects]
+
+    def motor(self) -> Motor:
+        """A motor that stands where the scene says, for the card's PWM to drive."""
+        return Motor(self.motor_parameters, self.motor_start_rad, self.counts_per_turn, self.index_width_counts)
+
+    @property
+    def scan_duty(self) -> float:
+        """Duty of the PWM that turns the motor at the speed of the nominal scan."""
+        length = (self.scan.frames - 1) * self.timing.period_s + self.timing.rows(0.0)[-1]
+        return self.motor_parameters.duty((self.scan.end_rad - self.scan.start_rad) / max(float(length), 1e-9))
+
+    def playback(self, edge_rate_hz: float) -> Playback:
+        """The nominal scan at an exactly constant speed, whatever the PWM."""
+        angles = steady(self.scan.frames, self.scan.start_rad, self.scan.end_rad, self.timing)
+        return Playback(angles, self.timing, self.counts_per_turn, edge_rate_hz, self.index_width_counts)
+
+    def calibration(self) -> dict[str, Any]:
+        """What an ideal calibration of this rig would give, in the format of calibration files."""
+        return optics.calibration(self.camera, self.laser, self.counts_per_turn, self.timing.offset_s)
+
+
+def _pose(table: Table) -> Floats:
+    """``position_mm``, and ``rotation_deg`` as an axis times an angle."""
+    pose = np.eye(4)
+    pose[:3, 3] = table.numbers("position_mm", (3,))
+    turn = np.radians(table.numbers("rotation_deg", (3,), (0.0, 0.0, 0.0)))
+    angle = float(np.linalg.norm(turn))
+    if angle:
+        x, y, z = turn / angle
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        pose[:3, :3] += sin(angle) * cross + (1 - cos(angle)) * cross @ cross
+    return pose
+
+
+def _object(table: Table) -> Object:
+    shape = table.choice("shape", ("plane", "box", "cylinder", "sphere"))
+    pose = _pose(table)
+    surface: Surface
+    try:
+        if shape == "plane":
+            size = table.numbers("size_mm", (0, 2), ())
+            surface = Plane((size[0], size[1]) if size else None, pose)
+        elif shape == "box":
+            x, y, z = table.numbers("size_mm", (3,))
+            surface = Box((x, y, z), pose)
+        elif shape == "cylinder":
+            surface = Cylinder(table.number("radius_mm"), table.number("height_mm"), pose)
+        else:
+            surface = Sphere(table.number("radius_mm"), pose)
+    except ValueError as error:
+        table.fail("shape", f"{shape} can't be: {error}")
+    albedo = table.numbers("albedo", (3,), low=0, high=1)
+    table.finish()
+    return Object(surface, albedo)
+
+
+def _camera(table: Table) -> tuple[Camera, Timing]:
+    camera = Camera(
+        table.integer("width", low=16, high=4096),
+        table.integer("height", low=16, high=4096),
+        table.matrix("matrix", 3, 3),
+        table.numbers("distortion", (4, 5, 8), (0.0,) * 5),
+        table.number("noise", low=0),
+        table.number("gain", 1.0, above=0),
+        table.number("black_level", 0.0, low=0),
+    )
+    if camera.matrix[0][0] <= 0 or camera.matrix[1][1] <= 0 or camera.matrix[2] != (0.0, 0.0, 1.0):
+        table.fail("matrix", f"needs positive focal lengths and the last row 0, 0, 1, not {camera.matrix}")
+    row_time_us = table.number("row_time_us", 0.0, low=0)
+    timing = Timing(
+        camera.height,
+        table.number("frame_rate_hz", above=0),
+        row_time_us * 1e-6 if row_time_us else None,
+        table.number("exposure_ms", low=0) * 1e-3,
+        table.number("readout_delay_ms", low=0) * 1e-3,
+    )
+    table.finish()
+    return camera, timing
+
+
+def _laser(table: Table) -> Laser:
+    matrix = table.matrix("camera_from_laser", 4, 4)
+    try:
+        Plane(None, matrix)  # checks that it is a rigid transformation
+    except ValueError as error:
+        table.fail("camera_from_laser", f"is not a pose: {error}")
+    sense = table.integer("sense", 1, low=-1, high=1)
+    if sense == 0:
+        table.fail("sense", "has to be 1 or -1, not 0")
+    laser = Laser(
+        matrix,
+        table.number("offset_mm", 0.0),
+        radians(table.number("tilt_deg", 0.0)),
+        radians(table.number("zero_deg", 0.0)),
+        sense,
+        table.number("peak", low=0),
+        table.number("reference_mm", above=0),
+        table.number("waist_mm", above=0),
+        table.number("divergence_mrad", low=0) * 1e-3,
+        table.numbers("response", (3,), low=0, high=1),
+        table.number("speckle", low=0),
+    )
+    if max(laser.response) != 1:
+        table.fail("response", f"has to have 1 as its greatest number, not {max(laser.response):g}")
+    table.finish()
+    return laser
+
+
+def _scene(name: str, table: Table) -> Scene:
+    camera, timing = _camera(table.table("camera"))
+    laser = _laser(table.table("laser"))
+    encoder = table.table("encoder")
+    counts = encoder.integer("counts_per_turn", low=16)
+    if counts % 4:
+        encoder.fail("counts_per_turn", f"has to be divisible by 4, not {counts}")
+    width = encoder.integer("index_width_counts", min(INDEX_WIDTH_COUNTS, counts // 4), high=counts - 1)
+    encoder.finish()
+    motor = table.table("motor")
+    parameters = MotorParameters(
+        motor.number("supply_v", above=0),
+        motor.number("resistance_ohm", above=0),
+        motor.number("torque_constant_nm_a", above=0),
+        motor.number("inertia_kg_m2", above=0),
+        motor.number("viscous_nm_s", low=0),
+        motor.number("friction_nm", low=0),
+    )
+    start_rad = radians(motor.number("start_deg"))
+    motor.finish()
+    light = table.table("ambient")
+    ambient = Ambient(
+        light.numbers("colour", (3,), low=0, high=255),
+        light.numbers("direction", (3,)),
+        light.number("diffuse", low=0),
+    )
+    if not np.linalg.norm(ambient.direction):
+        light.fail("direction", "has to point somewhere, not be 0, 0, 0")
+    light.finish()
+    scan_table = table.table("scan")
+    scan = Scan(
+        scan_table.integer("frames"),
+        radians(scan_table.number("start_deg")),
+        radians(scan_table.number("end_deg")),
+    )
+    scan_table.finish()
+    objects = tuple(_object(item) for item in table.tables("object"))
+    table.finish()
+    return Scene(name, camera, timing, laser, counts, width, parameters, start_rad, ambient, objects, scan)
+
+
+@click.command()
+@click.argument("name")
+@click.option("--calibration", "path", type=click.Path(path_type=Path), required=True, help="JSON file to write.")
+@click.option("--exposure", "exposure_ms", type=float, metavar="MS", help="Exposure, if not the scene's.")
+def main(name: str, path: Path, exposure_ms: float | None) -> None:
+    """Write the calibration that belongs to the scene NAME (a ready-made one, or a .toml file)."""
+    try:
+        scene = Scene.load(name).override(exposure_ms=exposure_ms)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(scene.calibration(), indent=2) + "\n")
+    except SimError as error:
+        raise click.ClickException(str(error)) from None
+    except OSError as error:
+        raise click.ClickException(f"the calibration {path} can't be written: {error.strerror}") from None
+
+
+if __name__ == "__main__":
+    main()
