@@ -1,0 +1,159 @@
+"""Serial line, 8N1: a low start bit, eight data bits with the lowest first, a high stop bit.
+
+Bits are timed by a phase that grows by a constant each clock and wraps once a bit, so that any rate
+can be had to within clock / 2**21; an edge is at most one clock late.
+"""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.cdc import FFSynchronizer
+from amaranth.lib.wiring import In, Out
+
+from ..layouts import Bytes
+
+_PHASE_BITS = 20
+
+
+def _step(clock_hz: float, baud: float, least: int) -> int:
+    """Growth of the phase per clock, in 2**-20 bits; :exc:`ValueError` below ``least`` clocks a bit."""
+    if baud <= 0 or clock_hz < least * baud:
+        raise ValueError(f"baud is {baud:g}; up to {clock_hz / least:g} is possible with a clock of {clock_hz:g} Hz")
+    return max(1, round((baud << _PHASE_BITS) / clock_hz))
+
+
+class UartTransmitter(wiring.Component):
+    """Bytes to a serial line.
+
+    Throughput: a byte every 10 bits. Latency: the start bit begins a clock after the byte was taken.
+
+    Parameters
+    ----------
+    clock_hz : frequency of the ``sync`` domain
+    baud : bits per second, at most a third of ``clock_hz``
+
+    Members
+    -------
+    i : bytes
+    tx : line, high while idle
+
+    Raises
+    ------
+    ValueError
+        The clock is too slow for the rate.
+    """
+
+    def __init__(self, clock_hz: int, baud: int) -> None:
+        self.step = _step(clock_hz, baud, 3)
+        self.clock_hz = clock_hz
+        self.baud = baud
+        super().__init__({"i": In(Bytes), "tx": Out(1, init=1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        bits = Signal(10)  # the one on the line is the lowest
+        left = Signal(range(11))
+        phase = Signal(_PHASE_BITS)
+        following = Signal(_PHASE_BITS + 1)
+        idle = left == 0
+        m.d.comb += [
+            following.eq(phase + self.step),
+            # The phase goes on from byte to byte, so that a full line keeps the rate.
+            self.i.ready.eq(idle | ((left == 1) & following[-1])),
+            self.tx.eq(bits[0] | idle),
+        ]
+        m.d.sync += phase.eq(Mux(idle, 0, following))
+        with m.If(self.i.valid & self.i.ready):
+            m.d.sync += [bits.eq(Cat(Const(0, 1), self.i.payload, Const(1, 1))), left.eq(10)]
+        with m.Elif(following[-1] & ~idle):
+            m.d.sync += [bits.eq(bits >> 1), left.eq(left - 1)]
+        return m
+
+
+class UartReceiver(wiring.Component):
+    """Bytes from a serial line.
+
+    Every bit is the majority of three clocks at its middle. The falling edge of the start bit sets the
+    phase, so the two ends may differ by what moves the stop bit's middle by less than half a bit, less two
+    clocks: 3.3 % at 8 clocks a bit.
+
+    Latency: the byte is there at the middle of its stop bit, and 4 clocks.
+
+    Parameters
+    ----------
+    clock_hz : frequency of the ``sync`` domain
+    baud : bits per second, at most an eighth of ``clock_hz``
+
+    Members
+    -------
+    rx : line, asynchronous
+    o : bytes; one that is not taken until the next is complete is lost
+    errors : bytes lost for want of a stop bit, or because the one before was not taken; stays at 65535
+
+    Raises
+    ------
+    ValueError
+        The clock is too slow for the rate.
+    """
+
+    def __init__(self, clock_hz: int, baud: int) -> None:
+        self.step = _step(clock_hz, baud, 8)
+        self.clock_hz = clock_hz
+        self.baud = baud
+        super().__init__({"rx": In(1, init=1), "o": Out(Bytes), "errors": Out(16)})
+
+    def elaborate(self, platform):
+        m = Module()
+        line = Signal(init=1)
+        m.submodules.synchronizer = FFSynchronizer(self.rx, line, init=1)
+
+        # The majority of the last three clocks: its middle one is a clock ago.
+        past = Signal(3, init=0b111)
+        m.d.sync += past.eq(Cat(line, past))
+        level = (past[0] & past[1]) | (past[1] & past[2]) | (past[0] & past[2])
+
+        # `level` looks at two clocks ago. It first tells the start bit 2 clocks after `line` does, which is 2.5 after
+        # the edge on average; the phase starts a clock later, and wraps half a clock late on average. In all the
+        # phase starts a clock late.
+        early = self.step
+        phase = Signal(_PHASE_BITS)
+        following = Signal(_PHASE_BITS + 1)
+        bits = Signal(8)
+        left = Signal(range(10))
+        lost = Signal()
+        m.d.comb += following.eq(phase + self.step)
+        m.d.sync += phase.eq(following)
+        with m.If(self.o.ready):
+            m.d.sync += self.o.valid.eq(0)
+
+        with m.FSM():
+            with m.State("Idle"):
+                # Half a bit more, so that the phase wraps at the middles.
+                m.d.sync += [phase.eq((1 << (_PHASE_BITS - 1)) + early), left.eq(9)]
+                with m.If(~level):
+                    m.next = "Start"
+            with m.State("Start"):
+                with m.If(following[-1]):
+                    m.next = "Bits"
+                    with m.If(level):  # too short for a start bit
+                        m.next = "Idle"
+            with m.State("Bits"):
+                with m.If(following[-1]):
+                    m.d.sync += left.eq(left - 1)
+                    with m.If(left != 1):
+                        m.d.sync += bits.eq(Cat(bits[1:], level))
+                    with m.Elif(level):
+                        m.next = "Idle"
+                        with m.If(self.o.valid & ~self.o.ready):
+                            m.d.comb += lost.eq(1)
+                        with m.Else():
+                            m.d.sync += [self.o.valid.eq(1), self.o.payload.eq(bits)]
+                    with m.Else():
+                        m.d.comb += lost.eq(1)
+                        m.next = "Break"
+            with m.State("Break"):
+                with m.If(level):
+                    m.next = "Idle"
+
+        with m.If(lost & ~self.errors.all()):
+            m.d.sync += self.errors.eq(self.errors + 1)
+        return m

@@ -1,0 +1,148 @@
+"""The serial line: what is sent arrives, for clocks that differ as much as they may."""
+
+import random
+from fractions import Fraction
+
+import pytest
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import connect
+
+from gateware.link.uart import UartReceiver, UartTransmitter
+from tests.support.simulation import simulate
+from tests.support.streams import receive, send
+
+DATA = bytes([0x00, 0xFF, 0x55, 0xAA, 0x01, 0x80, 0x7F, 0xFE])
+
+
+def line(data, bit_clocks, *, start=Fraction(0)):
+    """Level of the line at each clock: bits of ``bit_clocks``, the first start bit at ``start``."""
+    levels = [level for byte in data for level in [0, *(byte >> n & 1 for n in range(8)), 1]]
+    end = start + len(levels) * bit_clocks
+    clock = 0
+    while clock < end:
+        at = int((clock - start) // bit_clocks) if clock >= start else -1
+        yield levels[at] if at >= 0 else 1
+        clock += 1
+
+
+def counted(dut, levels, *, take):
+    """Bytes taken and errors counted when ``levels`` come."""
+    got = bytearray()
+    errors = 0
+
+    async def drive(ctx):
+        nonlocal errors
+        ctx.set(dut.o.ready, take)
+        for level in levels:
+            ctx.set(dut.rx, level)
+            _, _, valid, payload = await ctx.tick().sample(dut.o.valid, dut.o.payload)
+            if valid and take:
+                got.append(payload)
+        errors = ctx.get(dut.errors)
+
+    simulate(dut, drive, clocks=len(levels) + 10)
+    return bytes(got), errors
+
+
+@pytest.mark.parametrize(
+    ("clocks_per_bit", "percent"),
+    [("8", "3.3"), ("8.3", "3.3"), ("9.7", "3.3"), ("13", "4"), ("21.7", "4"), ("100", "4")],
+)
+@pytest.mark.parametrize("sign", [-1, 0, 1])
+def test_receives_within_the_tolerance(clocks_per_bit, percent, sign):
+    nominal = Fraction(clocks_per_bit)
+    sent = nominal * (1 + sign * Fraction(percent) / 100)
+    dut = UartReceiver(clock_hz=round(nominal * 1_000_000), baud=1_000_000)
+    for eighth in range(8):
+        levels = [1] * 8 + list(line(DATA, sent, start=Fraction(eighth, 8))) + [1] * 40
+        assert counted(dut, levels, take=True) == (DATA, 0)
+
+
+@pytest.mark.parametrize("clocks_per_bit", [3, 3.5, 8.68, 41.3])
+def test_transmits_at_its_rate(clocks_per_bit):
+    dut = UartTransmitter(clock_hz=int(clocks_per_bit * 1e6), baud=1_000_000)
+    levels = []
+
+    async def watch(ctx):
+        while True:
+            levels.append((await ctx.tick().sample(dut.tx))[2])
+
+    async def drive(ctx):
+        await send(ctx, dut.i, DATA)
+        await ctx.tick().until(dut.i.ready)
+        await ctx.tick()
+
+    simulate(dut, drive, watch, clocks=100_000)
+    at = levels.index(0)
+    for number, byte in enumerate(DATA):
+        for bit, level in enumerate([0, *(byte >> n & 1 for n in range(8)), 1]):
+            # An edge is up to a clock late: half a clock after the middle is inside.
+            middle = at + (10 * number + bit + 0.5) * clocks_per_bit + 0.5
+            assert levels[int(middle)] == level, (number, bit)
+
+
+class Loop(wiring.Component):
+    """A transmitter whose line leads to a receiver of another clock rate."""
+
+    def __init__(self, send_hz, receive_hz, baud):
+        self.transmitter = UartTransmitter(send_hz, baud)
+        self.receiver = UartReceiver(receive_hz, baud)
+        super().__init__({"i": self.transmitter.signature.members["i"], "o": self.receiver.signature.members["o"]})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.transmitter = self.transmitter
+        m.submodules.receiver = self.receiver
+        connect(m, self.transmitter.i, wiring.flipped(self.i))
+        connect(m, wiring.flipped(self.o), self.receiver.o)
+        m.d.comb += self.receiver.rx.eq(self.transmitter.tx)
+        return m
+
+
+@pytest.mark.parametrize("percent", [-4, -2, 0, 2, 4])
+def test_receiver_takes_what_the_transmitter_sends(percent):
+    dut = Loop(13_000_000, 13_000_000 * (100 + percent) // 100, 1_000_000)
+    data = bytes(random.Random(7).randrange(256) for _ in range(60))
+    got = bytearray()
+
+    async def source(ctx):
+        await send(ctx, dut.i, data)
+
+    async def sink(ctx):
+        got.extend(await receive(ctx, dut.o, len(data)))
+
+    simulate(dut, sink, source, clocks=200 * len(data))
+    assert got == data
+
+
+def test_a_missing_stop_bit_is_counted_and_the_line_must_rise_first():
+    good = list(line(b"\x3c", 10))
+    assert counted(
+        UartReceiver(10_000_000, 1_000_000), [1] * 8 + [0] * 300 + [1] * 30 + good + [1] * 30, take=True
+    ) == (b"\x3c", 1)
+
+
+def test_a_short_pulse_is_no_start_bit():
+    levels = [1] * 8 + [0] * 3 + [1] * 30 + [0] + [1] * 30 + list(line(b"\x3c", 10)) + [1] * 30
+    assert counted(UartReceiver(10_000_000, 1_000_000), levels, take=True) == (b"\x3c", 0)
+
+
+def test_a_spike_in_a_bit_does_not_matter():
+    levels = [1] * 8 + list(line(b"\x5a", 10)) + [1] * 30
+    for at in range(22, 105):  # after the start bit's edge
+        spiked = levels.copy()
+        spiked[at] ^= 1
+        assert counted(UartReceiver(10_000_000, 1_000_000), spiked, take=True) == (b"\x5a", 0), at
+
+
+def test_a_byte_that_is_not_taken_costs_the_next():
+    dut = UartReceiver(10_000_000, 1_000_000)
+    assert counted(dut, [1] * 8 + list(line(b"abc", 10)) + [1] * 30, take=False) == (b"", 2)
+
+
+@pytest.mark.parametrize(("uart", "least"), [(UartTransmitter, 3), (UartReceiver, 8)])
+def test_too_fast_a_rate_is_refused(uart, least):
+    uart(least * 1_000_000, 1_000_000)
+    with pytest.raises(ValueError, match="baud is 1e\\+06"):
+        uart(least * 1_000_000 - 1, 1_000_000)
