@@ -1,0 +1,209 @@
+"""What the host needs to give each row its own angle: latches at rows, and a log of encoder edges.
+
+Source of the method: "Angle" in the architecture. The host fits a smooth curve through the edges on both
+sides of a row; edges lie at whole counts, so nothing is lost to the encoder's step.
+"""
+
+from collections.abc import Sequence
+
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from gateware.layouts import Edge
+from gateware.motion.quadrature import UNKNOWN, Move
+from magtrak.protocol import MAX_EDGES
+
+
+class AngleStamp(data.Struct):
+    """Time, and the decoder's ``count``, ``age`` and ``period`` at that time."""
+
+    time: 48
+    count: signed(32)
+    age: 32
+    period: 32
+
+
+class AngleLatch(wiring.Component):
+    """Latches the encoder at rows.
+
+    Edges up to and including the clock of the strobe are in the latch, later ones are not: all inputs are seen at the
+    same pin time. Latency one clock.
+
+    Members
+    -------
+    row_first : strobe, column 0 of a row
+    frame_first : strobe along with it, the row is the first one of its image
+    now : state of the encoder
+    first : at the last ``frame_first``
+    last : at the last ``row_first``
+    """
+
+    row_first: In(1)
+    frame_first: In(1)
+    now: In(AngleStamp)
+    first: Out(AngleStamp)
+    last: Out(AngleStamp)
+
+    @staticmethod
+    def reference(time: int, moves: Sequence[Move]) -> dict[str, int]:
+        """The definition: the fields of a latch at ``time``."""
+        edges = [move for move in moves if not move.illegal and move.time <= time]
+        return {
+            "time": time,
+            "count": edges[-1].count if edges else 0,
+            "age": min(time - edges[-1].time, UNKNOWN) if edges else UNKNOWN,
+            "period": min(edges[-1].time - edges[-2].time, UNKNOWN) if len(edges) > 1 else UNKNOWN,
+        }
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        with m.If(self.row_first):
+            m.d.sync += self.last.eq(self.now)
+        with m.If(self.frame_first):
+            m.d.sync += self.first.eq(self.now)
+        return m
+
+
+class EdgeLog(wiring.Component):
+    """Remembers the edges since it was last taken, evenly thinned to at most :data:`MAX_EDGES`.
+
+    The log holds every ``2 ** shift``-th edge, from the first one on. When it is full and one more has to go
+    in, every second entry is dropped. Nothing is copied: entry j lives in the slot that is j rotated left by
+    ``shift`` bits, so the entries that stay need not move, and the slots of those that go become
+    entries 8 to 15.
+
+    Since entries have only the low 32 bits of the time, a log whose first entry is ``2 ** horizon_bits`` clocks
+    old is emptied: all entries that can be read are unmistakable.
+
+    ``take`` freezes the log for reading, until the next ``take``, and starts another one in a second bank. An
+    edge in the clock of ``take`` is the first of the new log. Throughput an edge a clock. Reading takes
+    :attr:`read_latency` clocks.
+
+    Parameters
+    ----------
+    horizon_bits : 1 to 31
+
+    Members
+    -------
+    edge, backward, count, time : outputs of the decoder, and their time
+    take : strobe
+    entries : edges in the frozen log, up to 16
+    shift : of the frozen log
+    index : which entry to read, from 0
+    entry : that entry
+    """
+
+    read_latency = 1
+
+    def __init__(self, horizon_bits: int = 31) -> None:
+        if not 1 <= horizon_bits <= 31:
+            raise ValueError(f"a horizon of 2**{horizon_bits} clocks is not possible; 1 to 31 bits are")
+        self.horizon_bits = horizon_bits
+        super().__init__(
+            {
+                "edge": In(1),
+                "backward": In(1),
+                "count": In(signed(32)),
+                "time": In(48),
+                "take": In(1),
+                "entries": Out(range(MAX_EDGES + 1)),
+                "shift": Out(8),
+                "index": In(range(MAX_EDGES)),
+                "entry": Out(Edge),
+            }
+        )
+
+    def reference(self, moves: Sequence[Move], end: int) -> tuple[int, list[dict[str, int]]]:
+        """The definition: shift and entries of a log of ``moves`` that is taken at time ``end``."""
+        edges: list[Move] = []
+        for move in moves:
+            if not move.illegal and move.time < end:
+                if edges and move.time - edges[0].time >= 1 << self.horizon_bits:
+                    edges = []
+                edges.append(move)
+        if edges and end - edges[0].time >= 1 << self.horizon_bits:
+            edges = []
+        shift = 0
+        while len(edges[:: 1 << shift]) > MAX_EDGES:
+            shift += 1
+        entries = [
+            {
+                "time": edge.time & 0xFFFF_FFFF,
+                "count": (edge.count + (1 << 30)) % (1 << 31) - (1 << 30),
+                "backward": int(edge.backward),
+            }
+            for edge in edges[:: 1 << shift]
+        ]
+        return shift, entries
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        slot_bits = (MAX_EDGES - 1).bit_length()
+        m.submodules.memory = memory = Memory(shape=Edge, depth=2 * MAX_EDGES, init=[])
+        write, read = memory.write_port(), memory.read_port()
+
+        def slot(entry: Signal, shift: Signal) -> Mux:
+            turned = Cat(entry, entry)
+            return Mux(
+                shift[1],
+                Mux(shift[0], turned[1:], turned[2:]),
+                Mux(shift[0], turned[3:], turned),
+            )[:slot_bits]
+
+        bank = Signal()
+        # Within the horizon lie at most 2**horizon_bits edges, and shift is less than horizon_bits.
+        used, shift = Signal.like(self.entries), Signal(range(max(self.horizon_bits, 4)))
+        skip = Signal(self.horizon_bits)  # edges to leave out before the next entry
+        age = Signal(self.horizon_bits + 1)
+        expired = Signal()
+        begin = Signal()
+        full = Signal()
+        used_now, shift_now, skip_now = Signal.like(used), Signal.like(shift), Signal.like(skip)
+        m.d.comb += [
+            expired.eq(age[-1]),
+            begin.eq(self.take | expired),
+            full.eq(used == MAX_EDGES),
+            skip_now.eq(Mux(begin, 0, skip)),
+        ]
+        with m.If(begin):
+            m.d.comb += [used_now.eq(0), shift_now.eq(0)]
+        with m.Elif(full):
+            m.d.comb += [used_now.eq(MAX_EDGES // 2), shift_now.eq(shift + 1)]
+        with m.Else():
+            m.d.comb += [used_now.eq(used), shift_now.eq(shift)]
+
+        entry = Signal(slot_bits)
+        m.d.comb += [
+            entry.eq(used_now),
+            write.addr.eq(Cat(slot(entry, shift_now), bank ^ self.take)),
+            write.data.time.eq(self.time),
+            write.data.count.eq(self.count),
+            write.data.backward.eq(self.backward),
+            write.en.eq(self.edge & (skip_now == 0)),
+        ]
+        with m.If(begin):
+            m.d.sync += [used.eq(0), shift.eq(0), skip.eq(0)]
+        with m.If(~expired & (used != 0)):
+            m.d.sync += age.eq(age + 1)
+        with m.If(begin):
+            m.d.sync += age.eq(0)
+        with m.If(write.en):
+            m.d.sync += [used.eq(used_now + 1), shift.eq(shift_now), skip.eq((1 << shift_now) - 1)]
+            with m.If(used_now == 0):
+                m.d.sync += age.eq(1)  # in the next clock
+        with m.Elif(self.edge):
+            m.d.sync += skip.eq(skip_now - 1)
+        with m.If(self.take):
+            m.d.sync += [
+                bank.eq(~bank),
+                self.entries.eq(Mux(expired, 0, used)),
+                self.shift.eq(Mux(expired, 0, shift)),
+            ]
+
+        m.d.comb += [
+            read.addr.eq(Cat(slot(self.index, self.shift), ~bank)),
+            self.entry.eq(read.data),
+        ]
+        return m
