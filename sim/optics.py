@@ -118,7 +118,7 @@ class Laser:
     def points(self, points: Floats) -> Floats:
         """(N, 3) points of the camera frame in L."""
         pose = np.asarray(self.camera_from_laser)
-        return (points - pose[:3, 3]) @ pose[:3, :3]
+        return np.asarray((points - pose[:3, 3]) @ pose[:3, :3])
 
     def alpha(self, motor_rad: npt.ArrayLike) -> Floats:
         """Angle of the plane for angles of the motor."""

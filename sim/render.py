@@ -161,7 +161,8 @@ class Renderer:
         picture = self.view.ambient[first:last] * np.float32(camera.gain) + np.float32(camera.black_level)
         self._draw(frame)
         if laser_on:
-            light = self.light(first, last, row_times_s, angle)
+            start, end = self.scene.timing.exposed(np.asarray(row_times_s, dtype=np.float64))
+            light = self.light(first, last, *self.exposure(start, end, angle))
             if laser.speckle:
                 light = light * self._speckle[first:last]
             picture += light[:, :, None] * self._mix
@@ -171,11 +172,15 @@ class Renderer:
         np.clip(picture + np.float32(0.5), 0, 255, out=picture)
         return picture.astype(np.uint8)
 
-    def light(self, first: int, last: int, row_times_s: npt.ArrayLike, angle: AngleOfTime) -> Single:
+    def light(self, first: int, last: int, alphas: Floats, weights: Floats) -> Single:
         """The laser's light without speckle, noise and gain: (last - first, width), grey levels of the brightest
         channel.
+
+        Parameters
+        ----------
+        alphas : (rows, nodes) angles of the plane, within half a turn of the scene
+        weights : (nodes,) their parts of the exposure
         """
-        alphas, weights = self._exposure(np.asarray(row_times_s, dtype=np.float64), angle)
         view = self.view
         low, high = alphas.min(axis=1), alphas.max(axis=1)
         middle = ((low + high) / 2).astype(np.float32)[:, None]
@@ -195,17 +200,19 @@ class Renderer:
         light = np.bincount(where // (ACROSS * DOWN), weights=total, minlength=size)
         return light.astype(np.float32).reshape(last - first, -1)
 
-    def _exposure(self, row_times_s: Floats, angle: AngleOfTime) -> tuple[Floats, Floats]:
-        """(rows, nodes) angles of the plane during each row's exposure, and the (nodes,) weights of their mean."""
-        timing, laser = self.scene.timing, self.scene.laser
-        end = row_times_s - timing.readout_delay_s
-        ends = laser.alpha(angle(np.stack([end - timing.exposure_s, end])))
+    def exposure(self, start: Floats, end: Floats, angle: AngleOfTime) -> tuple[Floats, Floats]:
+        """(rows, nodes) angles of the plane from ``start`` to ``end`` (rows,), and the (nodes,) weights of their mean.
+
+        ``angle`` gives the motor's angle for whatever start and end count in.
+        """
+        laser = self.scene.laser
+        ends = laser.alpha(angle(np.stack([start, end])))
         span = float(np.abs(ends[1] - ends[0]).max(initial=0.0))
         # A movement of one sigma needs 3 nodes for 1e-4 of the light; faster ones in proportion.
-        count = int(np.clip(3 + 2 * np.ceil(span / self._finest_rad), 3, 65)) if timing.exposure_s else 1
+        count = int(np.clip(3 + 2 * np.ceil(span / self._finest_rad), 3, 65)) if np.any(end > start) else 1
         nodes, weights = np.polynomial.legendre.leggauss(count)
-        times = end[:, None] + timing.exposure_s * (nodes - 1) / 2
-        alphas = laser.alpha(angle(times))
+        middle, half = (start + end) / 2, (end - start) / 2
+        alphas = laser.alpha(angle(middle[:, None] + half[:, None] * nodes))
         turns = np.round((alphas[:, :1] - self._middle) / (2 * np.pi))
         return alphas - 2 * np.pi * turns, weights / 2
 

@@ -74,3 +74,8 @@ class Timing:
     def rows(self, start_s: float) -> npt.NDArray[np.float64]:
         """(height,) times of arrival of the rows of an image whose first row arrives at ``start_s``."""
         return np.asarray(start_s + self.row_period_s * np.arange(self.height), dtype=np.float64)
+
+    def exposed(self, row_times_s: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Start and end of the exposures of rows that arrive at given times."""
+        end = row_times_s - self.readout_delay_s
+        return end - self.exposure_s, end
