@@ -25,7 +25,8 @@ def simulate(dut: Elaboratable, testbench: Callable, *more: Callable, clocks: in
 
     simulator = Simulator(dut)
     simulator.add_clock(PERIOD_S)
+    simulator.add_testbench(timeout, background=True)
     simulator.add_testbench(testbench)
-    for process in (*more, timeout):
+    for process in more:
         simulator.add_testbench(process, background=True)
     simulator.run()

@@ -8,7 +8,8 @@ low bits; a signed one is sign-extended to 32. Three scopes:
 ``FRAME``
     settings of the measurement: kept aside until ``commit`` is written, then in
     force, all at once, from the first pixel of the next frame. Reading gives
-    what is in force.
+    what is in force. Writing a setting while a commit waits withdraws that
+    commit: write ``commit`` again.
 ``CARD``
     read only: what the card is, or measures.
 """
