@@ -116,6 +116,11 @@ class Deframer:
         self._rest = bytearray()
         self._skipping = False
 
+    @property
+    def within_packet(self) -> bool:
+        """Bytes have come since the last delimiter."""
+        return bool(self._rest) or self._skipping
+
     def feed(self, data: bytes) -> Iterator[Packet]:
         """Take the next bytes of the stream, give the packets that they complete.
 

@@ -1,0 +1,171 @@
+"""The encoder's position at the time of each row.
+
+A bare count is off by up to a whole one. The card logs when edges came, and an edge lies at a whole count: the position
+between edges follows from a smooth curve through those before and after. The curve is a cubic between each two edges;
+its slope at an edge is that of the parabola through the edge and its neighbours. So it is exact at constant speed and
+at constant acceleration, reversals included (an edge passed twice lies at the same place both times), and it never
+leaves the count that the encoder shows.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import Booleans, Floats
+from .edges import Edges, edges_of_frame, wrapped_difference
+from .frames import Frame
+
+# An interval so many times as long as both its neighbours is a stop, not slow motion: turning round at constant
+# acceleration makes a ratio of at most 4.9.
+STANDSTILL_RATIO = 8.0
+
+# Edges kept before the first row in need: the curve uses two.
+_HISTORY = 8
+
+
+@dataclass(frozen=True)
+class RowAngles:
+    """Where the encoder was when the light of each row was gathered.
+
+    Attributes
+    ----------
+    counts : from the index, fractions included
+    standing : the encoder stood still: the position is the middle of its count, and off by up to half a count
+    """
+
+    counts: Floats
+    standing: Booleans
+
+
+def interpolate(edges: Edges, times: Floats, origin: int) -> tuple[Floats, Booleans]:
+    """Positions in counts, and where the encoder stood still, at ``times`` (clocks after ``origin``).
+
+    Before the first and after the last edge the curve goes on at the last speed within the count. Needs an edge.
+    """
+    count = len(edges)
+    t = (edges.time - origin).astype(np.float64)
+    p = edges.position.astype(np.float64)
+    if count == 1:
+        after = times >= t[0]
+        within = np.where(after, edges.count[0], edges.before[0]) + 0.5
+        return within, np.ones(len(times), bool)
+    slope = _slopes(t, p)
+    # Interval i lies before edge i; the first and the last are open.
+    i = np.searchsorted(t, times, side="right")
+    inner = np.clip(i, 1, count - 1)
+    h = t[inner] - t[inner - 1]
+    x = (times - t[inner - 1]) / h
+    x2, x3 = x * x, x * x * x
+    cubic = (
+        (2 * x3 - 3 * x2 + 1) * p[inner - 1]
+        + (x3 - 2 * x2 + x) * h * slope[inner - 1]
+        + (3 * x2 - 2 * x3) * p[inner]
+        + (x3 - x2) * h * slope[inner]
+    )
+    end = np.where(i == 0, 0, count - 1)
+    position = np.where(i == inner, cubic, p[end] + slope[end] * (times - t[end]))
+    # What the encoder showed in each interval, and how far unlogged edges may have led away from it.
+    shown = np.concatenate([edges.before[:1], edges.count])[i]
+    away = np.append(edges.unlogged, edges.unlogged[-1])[i].astype(np.float64)
+    away[away < 0] = np.inf
+    position = np.clip(position, shown - away, shown + 1 + away)
+    standing = _standing(t, times, i) & (away == 0)
+    return np.where(standing, shown + 0.5, position), standing
+
+
+def _slopes(t: Floats, p: Floats) -> Floats:
+    """Slope at each edge of the parabola through it and its neighbours; at the ends, of the last parabola."""
+    h = np.diff(t)
+    s = np.diff(p) / h
+    if len(s) == 1:
+        return np.repeat(s, 2)
+    inner = (h[1:] * s[:-1] + h[:-1] * s[1:]) / (h[:-1] + h[1:])
+    return np.concatenate([[2 * s[0] - inner[0]], inner, [2 * s[-1] - inner[-1]]])
+
+
+def _standing(t: Floats, times: Floats, i: np.ndarray) -> Booleans:
+    h = np.diff(t)
+    ends = np.array([np.inf])
+    longest_neighbour = np.maximum(np.concatenate([[0.0], h[:-1]]), np.concatenate([h[1:], [0.0]]))
+    inside = np.concatenate([[False], (h > STANDSTILL_RATIO * longest_neighbour) & (longest_neighbour > 0), [False]])
+    limit = STANDSTILL_RATIO * np.concatenate([h[:1], h, h[-1:]])
+    elapsed = np.maximum(np.append(t, ends)[i] - times, 0)
+    elapsed = np.where(i == 0, elapsed, times - t[i - 1])
+    outside = ((i == 0) | (i == len(t))) & (elapsed > limit[i])
+    return np.asarray(inside[i] | outside)
+
+
+class AngleTracker:
+    """Gives each frame of a stream the encoder's position at its rows, a few frames late.
+
+    A row's curve needs edges after it, which come with the frames that follow. A frame is held back until two edges
+    after its last row are known, or ``ahead`` more frames have come.
+
+    Parameters
+    ----------
+    clock_hz : of the card
+    time_offset_s : added to row times, the calibration's; the frame's own ``time_offset_ns`` comes on top
+    ahead : most frames that are held back
+    """
+
+    def __init__(self, clock_hz: float, time_offset_s: float = 0.0, ahead: int = 4) -> None:
+        self.clock_hz = clock_hz
+        self.time_offset_s = time_offset_s
+        self.ahead = ahead
+        self._edges = Edges.none()
+        self._waiting: deque[tuple[Frame, int]] = deque()
+        self._last_frame: Frame | None = None
+        self._last_count = 0
+
+    def push(self, frame: Frame) -> list[tuple[Frame, RowAngles]]:
+        """Take the next frame; give those whose angles are known now, in order."""
+        before = self._last_frame
+        if before is None:
+            self._last_count = frame.header["last_count"]
+        else:
+            self._last_count += wrapped_difference(frame.header["last_count"], before.header["last_count"])
+        follows = before is not None and frame.number == before.number + 1
+        shift = before.header["edge_shift"] if before is not None else 0
+        self._edges += edges_of_frame(frame, self._last_count, follows=follows, shift_before=shift)
+        self._last_frame = frame
+        self._waiting.append((frame, self._last_count))
+        ready = []
+        while self._waiting and self._is_ready():
+            ready.append(self._release())
+        return ready
+
+    def flush(self) -> list[tuple[Frame, RowAngles]]:
+        """The frames held back, by what is known: nothing more will come."""
+        return [self._release() for _ in range(len(self._waiting))]
+
+    def _offset_clocks(self, frame: Frame) -> float:
+        return (self.time_offset_s + frame.header["time_offset_ns"] * 1e-9) * self.clock_hz
+
+    def _is_ready(self) -> bool:
+        frame = self._waiting[0][0]
+        end = frame.header["last_time"] + self._offset_clocks(frame)
+        return len(self._waiting) > self.ahead or int((self._edges.time > end).sum()) >= 2
+
+    def _release(self) -> tuple[Frame, RowAngles]:
+        frame, last_count = self._waiting.popleft()
+        header = frame.header
+        offset = self._offset_clocks(frame)
+        start = int(np.searchsorted(self._edges.time, header["first_time"] + min(offset, 0.0)))
+        self._edges = self._edges[max(start - _HISTORY, 0) :]
+        times = frame.row_times() + offset
+        if len(self._edges):
+            position, standing = interpolate(self._edges, times, header["first_time"])
+        else:
+            first = last_count + wrapped_difference(header["first_count"], header["last_count"])
+            position, standing = np.full(len(times), first + 0.5), np.ones(len(times), bool)
+        index = last_count + wrapped_difference(header["index_count"], header["last_count"])
+        return frame, RowAngles(position - index, standing)
+
+
+def bare_angles(frame: Frame) -> RowAngles:
+    """One bare count for the whole image, as a card without edge log would have: the paper's way, to compare with."""
+    header = frame.header
+    counts = wrapped_difference(header["first_count"], header["index_count"])
+    rows = len(frame.rows.row)
+    return RowAngles(np.full(rows, float(counts)), np.zeros(rows, bool))

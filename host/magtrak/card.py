@@ -1,0 +1,260 @@
+"""A card at the end of a link: who it is, its registers, its frames."""
+
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from . import protocol
+from .errors import CardError
+from .frames import DamagedFrameError, Frame, decode_frame
+from .link import Link
+from .protocol import AnswerCode, Packet, PacketType, Register, register
+from .settings import Settings
+
+WINDOW = 8
+"""Commands that may be under way at once; so many fit any card's buffer."""
+
+ANSWER_TIMEOUT_S = 2.0
+ATTEMPTS = 3
+SILENCE_S = 10.0
+"""A card that neither sends nor answers for so long is taken for dead."""
+
+_REFUSALS = {
+    AnswerCode.UNKNOWN_TYPE: "does not know this kind of command",
+    AnswerCode.UNKNOWN_ADDRESS: "has no such register",
+    AnswerCode.NOT_ALLOWED: "does not allow it",
+    AnswerCode.OUT_OF_RANGE: "finds the value out of range",
+    AnswerCode.MALFORMED: "cannot read the command",
+}
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What the card says of itself."""
+
+    version: int
+    map_hash: int
+    clock_hz: int
+    max_columns: int
+    max_rows: int
+
+
+@dataclass(frozen=True)
+class _Command:
+    kind: PacketType
+    register: Register
+    address: int
+    value: int
+
+    def describe(self) -> str:
+        if self.kind is PacketType.READ:
+            return f"reading {self.register.name}"
+        return f"writing {self.register.decode(self.value)} to {self.register.name}"
+
+
+class Card:
+    """Registers and frames of a card. Greets it first, and refuses one that it does not understand.
+
+    Parameters
+    ----------
+    link : open link; the caller closes it
+    answer_timeout_s : how long an answer may take before the command is sent again
+
+    Attributes
+    ----------
+    identity : what the card says of itself
+    damaged_frames : frames intact on the wire whose content cannot be
+
+    Raises
+    ------
+    CardError
+        Nobody answers, or somebody that is no card of this version.
+    """
+
+    def __init__(self, link: Link, answer_timeout_s: float = ANSWER_TIMEOUT_S) -> None:
+        self.link = link
+        self.answer_timeout_s = answer_timeout_s
+        self.damaged_frames = 0
+        self._frames: deque[Packet] = deque()
+        self._lease_s = 1.0
+        self._last_command = time.monotonic()
+        self._last_packet = time.monotonic()
+        self.identity = self._greet()
+
+    def read(self, name: str) -> int:
+        """The value of a register: for settings of the measurement, the one in force."""
+        entry = register(name)
+        (word,) = self._run([_Command(PacketType.READ, entry, entry.address, 0)])
+        return entry.decode(word)
+
+    def write(self, name: str, value: int) -> None:
+        """Write a register; :exc:`CardError` where the card refuses, :exc:`ValueError` where no card could take it."""
+        self.write_all([(name, [value])])
+
+    def write_all(self, values: Sequence[tuple[str, Sequence[int]]]) -> None:
+        """Write registers in order, tables with all their words, several commands under way at once."""
+        commands = []
+        for name, words in values:
+            entry = register(name)
+            for number, word in enumerate(words):
+                commands.append(_Command(PacketType.WRITE, entry, entry.address + number, entry.encode(word)))
+        self._run(commands)
+
+    def apply(self, settings: Settings) -> int:
+        """Write all settings and commit them; returns the generation under which frames will have them.
+
+        The laser stays off and the motor stands: see :meth:`start`.
+        """
+        generation = self.read("generation") % 0xFFFF + 1
+        self.write_all(
+            [
+                *settings.register_values(self.identity.clock_hz),
+                *settings.tables(),
+                ("commit", [generation]),
+            ]
+        )
+        self._lease_s = settings.laser.lease_s
+        return generation
+
+    def start(self, settings: Settings) -> None:
+        """Arm the laser, start the motor, send frames, as the settings have it."""
+        if settings.laser.arm:
+            self.write("laser_arm", protocol.LASER_KEY)
+        self.write_all([("motor_duty", [settings.motor.duty_word()]), ("run", [1])])
+
+    def stop(self) -> None:
+        """Laser disarmed, motor off, no more frames."""
+        self.write_all([("laser_arm", [0]), ("motor_duty", [0]), ("run", [0])])
+
+    def frames(self, poll_s: float = 0.1) -> Iterator[Frame | None]:
+        """Frames as they come, and None whenever none came for ``poll_s``. Keeps the laser's lease alive.
+
+        Raises
+        ------
+        EndOfStreamError, LinkError
+            The stream ended, after all frames that came.
+        CardError
+            The card has fallen silent.
+        """
+        while True:
+            self._keep_lease()
+            if not self._frames:
+                self._receive(poll_s)
+            if not self._frames:
+                if time.monotonic() - self._last_packet > SILENCE_S:
+                    raise CardError(f"the card at {self.link.port} fell silent: switch it off and on, then start again")
+                yield None
+                continue
+            try:
+                yield decode_frame(self._frames.popleft().payload)
+            except DamagedFrameError:
+                self.damaged_frames += 1
+
+    def _keep_lease(self) -> None:
+        """Any intact command renews the lease. The answer is not waited for."""
+        if time.monotonic() - self._last_command > min(self._lease_s / 5, 1.0):
+            self._send(_Command(PacketType.READ, register("generation"), register("generation").address, 0))
+
+    def _send(self, command: _Command) -> int:
+        self._last_command = time.monotonic()
+        return self.link.send(command.kind, protocol.COMMAND.pack({"address": command.address, "value": command.value}))
+
+    def _receive(self, timeout_s: float) -> dict[str, int] | None:
+        """Take the next packet: an answer is returned, a frame kept."""
+        packet = self.link.receive(timeout_s)
+        if packet is None:
+            return None
+        self._last_packet = time.monotonic()
+        if packet.type == PacketType.FRAME:
+            self._frames.append(packet)
+        elif packet.type == PacketType.ANSWER and len(packet.payload) == protocol.ANSWER.size:
+            return protocol.ANSWER.unpack(packet.payload)
+        return None
+
+    def _run(self, commands: Sequence[_Command]) -> list[int]:
+        """Have commands carried out in order; the words in their answers.
+
+        At most :data:`WINDOW` are under way. One whose answer does not come is sent again, and all after it: writing
+        twice does no harm, and so the order stays.
+        """
+        words: list[int] = []
+        attempts = 0
+        while len(words) < len(commands):
+            done = len(words)
+            words += self._attempt(commands[done:])
+            if len(words) > done:
+                attempts = 0
+                continue
+            attempts += 1
+            if attempts == ATTEMPTS:
+                raise CardError(
+                    f"the card at {self.link.port} does not answer ({commands[done].describe()}):"
+                    " check port and baud rate, or switch it off and on"
+                )
+        return words
+
+    def _attempt(self, commands: Sequence[_Command]) -> list[int]:
+        """Send commands until an answer fails to come; the words of those answered."""
+        under_way: deque[tuple[int, _Command]] = deque()
+        words: list[int] = []
+        sent = 0
+        deadline = time.monotonic() + self.answer_timeout_s
+        while len(words) < len(commands):
+            while sent < len(commands) and len(under_way) < WINDOW:
+                under_way.append((self._send(commands[sent]), commands[sent]))
+                sent += 1
+            left = deadline - time.monotonic()
+            if left <= 0:
+                return words
+            answer = self._receive(left)
+            if answer is None or answer["to"] not in [sequence for sequence, _ in under_way]:
+                continue
+            if answer["to"] != under_way[0][0]:
+                return words  # one before it was damaged on the way
+            _, command = under_way.popleft()
+            self._check(command, answer)
+            words.append(answer["value"])
+            deadline = time.monotonic() + self.answer_timeout_s
+        return words
+
+    def _check(self, command: _Command, answer: dict[str, int]) -> None:
+        if answer["code"] in (AnswerCode.DONE, AnswerCode.PENDING):
+            return
+        try:
+            reason = _REFUSALS[AnswerCode(answer["code"])]
+        except ValueError:
+            reason = f"answers {answer['code']}, which this host does not know"
+        if command.register.name == "laser_arm":
+            reason += "; is the interlock closed?"
+        raise CardError(f"the card refuses {command.describe()}: it {reason}")
+
+    def _greet(self) -> Identity:
+        port = self.link.port
+        # Ends whatever half a command the card may have received before.
+        self.link.send_bytes(b"\0")
+        try:
+            magic = self.read("magic")
+        except CardError:
+            if self.link.bytes_received and not self.link.packets:
+                raise CardError(
+                    f"{port} sends data, but no Magtrak packets: it is another device, or has another baud rate"
+                ) from None
+            raise CardError(f"{port} does not answer as a Magtrak card: check port and baud rate") from None
+        if magic != protocol.MAGIC:
+            raise CardError(f"{port} is no Magtrak card: it calls itself 0x{magic:08X}, not 0x{protocol.MAGIC:08X}")
+        version = self.read("version")
+        if version != protocol.VERSION:
+            older = "magtrak on this computer" if version > protocol.VERSION else "the card's bitstream"
+            raise CardError(
+                f"the card at {port} speaks version {version} of the protocol, this host {protocol.VERSION}:"
+                f" update {older}"
+            )
+        map_hash = self.read("map_hash")
+        if map_hash != protocol.map_hash():
+            raise CardError(
+                f"the card at {port} has another register map (0x{map_hash:08X}, not 0x{protocol.map_hash():08X}):"
+                " use bitstream and magtrak of the same release"
+            )
+        names = ("clock_hz", "max_columns", "max_rows")
+        return Identity(version, map_hash, *(self.read(name) for name in names))

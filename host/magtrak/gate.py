@@ -1,0 +1,31 @@
+"""Ranges of colours to the words of the card's gate tables.
+
+The card's hue byte is round(256 h) modulo 256 for a hue h of 0 to 1 turns; luminance and saturation are 0 to 255.
+"""
+
+from collections.abc import Iterable, Sequence
+
+from .protocol import LUT_WORDS
+
+_BITS = 32
+
+
+def pack_table(entries: Iterable[int]) -> Sequence[int]:
+    """Words of a table in which these entries, 0 to 255, pass: entry i is bit i % 32 of word i // 32."""
+    words = [0] * LUT_WORDS
+    for entry in entries:
+        words[entry // _BITS] |= 1 << entry % _BITS
+    return words
+
+
+def hue_table(first_deg: float, last_deg: float) -> Sequence[int]:
+    """Hues from the first to the last, through 360 degrees where the first is greater; 0 to 360 is every hue."""
+    first, last = round(first_deg * 256 / 360), round(last_deg * 256 / 360)
+    if last < first:
+        last += 256
+    return pack_table(entry % 256 for entry in range(first, last + 1))
+
+
+def range_table(low: float, high: float) -> Sequence[int]:
+    """Bytes from ``low`` to ``high``, given as 0 to 1."""
+    return pack_table(range(round(255 * low), round(255 * high) + 1))
