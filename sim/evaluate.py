@@ -222,13 +222,18 @@ class Judge:
         if not len(frames):
             return 0
         room = len(self.truth.laser_on) - int(frames.max())
-        errors = [
-            float(np.nanmedian(np.abs(_wrap(angles - self.alpha(frames + first, rows))))) for first in range(room)
-        ]
+        if room <= 1:
+            return 0
+        errors = [self._misfit(angles, frames + first, rows) for first in range(room)]
         best = int(np.argmin(errors))
         # An error of the angle must not be taken for a shift: only half a frame's movement or more is one.
-        step = np.nanmedian(np.abs(np.diff(self.truth.motor_rad[:, 0, 1]))) if len(self.truth.laser_on) > 1 else 0.0
-        return best if errors[0] - errors[best] > step / 2 else 0
+        steps = np.abs(np.diff(self.truth.motor_rad[:, 0, 1]))
+        return best if errors[0] - errors[best] > np.median(steps[np.isfinite(steps)]) / 2 else 0
+
+    def _misfit(self, angles: npt.NDArray[Any], frames: Ints, rows: Ints) -> float:
+        """Median error of the angles; infinite where they belong to rows that were never sent."""
+        error = np.abs(_wrap(angles - self.alpha(frames, rows)))
+        return float(np.median(error)) if np.isfinite(error).all() else np.inf
 
 
 def _wrap(angle: npt.NDArray[Any]) -> Floats:

@@ -8,7 +8,7 @@ A scene is a file, or the name of one in ``sim/scenes``; every field is explaine
 import json
 import tomllib
 from dataclasses import dataclass, replace
-from math import cos, radians, sin
+from math import cos, exp, radians, sin
 from pathlib import Path
 from typing import Any
 
@@ -99,14 +99,17 @@ class Scene:
         frame_rate_hz: float | None = None,
         row_time_us: float | None = None,
         exposure_ms: float | None = None,
+        speckle: float | None = None,
     ) -> "Scene":
-        """The scene with another timing. The picture's brightness stays, as if the gain followed the exposure.
+        """The scene with another timing or contrast of the speckle. The picture's brightness stays, as if the gain
+        followed the exposure.
 
         Raises
         ------
         SimError : it does not fit together
         """
-        timing = self.timing
+        if speckle is not None and not 0 <= speckle < np.inf:
+            raise SimError(f"the contrast of the speckle can't be {speckle:g}; give 0 or more")
         changes: dict[str, float | None] = {}
         if frame_rate_hz is not None:
             changes["frame_rate_hz"] = frame_rate_hz
@@ -114,7 +117,8 @@ class Scene:
             changes["row_time_s"] = row_time_us * 1e-6
         if exposure_ms is not None:
             changes["exposure_s"] = exposure_ms * 1e-3
-        return replace(self, timing=replace(timing, **changes))  # type: ignore[arg-type]
+        laser = self.laser if speckle is None else replace(self.laser, speckle=speckle)
+        return replace(self, timing=replace(self.timing, **changes), laser=laser)  # type: ignore[arg-type]
 
     @property
     def surfaces(self) -> list[Surface]:
@@ -127,9 +131,11 @@ class Scene:
 
     @property
     def scan_duty(self) -> float:
-        """Duty of the PWM that turns the motor at the speed of the nominal scan."""
-        length = (self.scan.frames - 1) * self.timing.period_s + self.timing.rows(0.0)[-1]
-        return self.motor_parameters.duty((self.scan.end_rad - self.scan.start_rad) / max(float(length), 1e-9))
+        """Duty of the PWM that takes the motor from where it stands to the end of the nominal scan in the scan's time."""
+        time_s = float((self.scan.frames - 1) * self.timing.period_s + self.timing.rows(0.0)[-1])
+        tau = self.motor_parameters.time_constant_s
+        lag = tau * (1 - exp(-time_s / tau))  # lost while it gathers speed
+        return self.motor_parameters.duty((self.scan.end_rad - self.motor_start_rad) / (time_s - lag))
 
     def playback(self, edge_rate_hz: float) -> Playback:
         """The nominal scan at an exactly constant speed, whatever the PWM."""
