@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Booleans, Floats
+from .arrays import Booleans, Floats, Integers
 from .edges import Edges, edges_of_frame, wrapped_difference
 from .frames import Frame
 
@@ -38,10 +38,17 @@ class RowAngles:
     standing: Booleans
 
 
-def interpolate(edges: Edges, times: Floats, origin: int) -> tuple[Floats, Booleans]:
+def interpolate(edges: Edges, times: Floats, origin: int, quiet_until: int) -> tuple[Floats, Booleans]:
     """Positions in counts, and where the encoder stood still, at ``times`` (clocks after ``origin``).
 
-    Before the first and after the last edge the curve goes on at the last speed within the count. Needs an edge.
+    Before the first and after the last edge the outermost parabola goes on, within the count. Needs an edge.
+
+    Parameters
+    ----------
+    edges : all that are known around the times
+    times : clocks after ``origin``
+    origin : clocks since reset
+    quiet_until : clocks since reset until which no edge came after the last one
     """
     count = len(edges)
     t = (edges.time - origin).astype(np.float64)
@@ -50,7 +57,7 @@ def interpolate(edges: Edges, times: Floats, origin: int) -> tuple[Floats, Boole
         after = times >= t[0]
         within = np.where(after, edges.count[0], edges.before[0]) + 0.5
         return within, np.ones(len(times), bool)
-    slope = _slopes(t, p)
+    slope, bend = _derivatives(t, p)
     # Interval i lies before edge i; the first and the last are open.
     i = np.searchsorted(t, times, side="right")
     inner = np.clip(i, 1, count - 1)
@@ -64,55 +71,59 @@ def interpolate(edges: Edges, times: Floats, origin: int) -> tuple[Floats, Boole
         + (x3 - x2) * h * slope[inner]
     )
     end = np.where(i == 0, 0, count - 1)
-    position = np.where(i == inner, cubic, p[end] + slope[end] * (times - t[end]))
+    beyond = times - t[end]
+    parabola = p[end] + (slope[end] + bend[end] / 2 * beyond) * beyond
+    position = np.where(i == inner, cubic, parabola)
     # What the encoder showed in each interval, and how far unlogged edges may have led away from it.
     shown = np.concatenate([edges.before[:1], edges.count])[i]
     away = np.append(edges.unlogged, edges.unlogged[-1])[i].astype(np.float64)
     away[away < 0] = np.inf
     position = np.clip(position, shown - away, shown + 1 + away)
-    standing = _standing(t, times, i) & (away == 0)
+    standing = _standing(t, times, i, quiet_until - origin) & (away == 0)
     return np.where(standing, shown + 0.5, position), standing
 
 
-def _slopes(t: Floats, p: Floats) -> Floats:
-    """Slope at each edge of the parabola through it and its neighbours; at the ends, of the last parabola."""
+def _derivatives(t: Floats, p: Floats) -> tuple[Floats, Floats]:
+    """First and second derivative at each edge of the parabola through it and its neighbours; at an end, of the
+    outermost parabola; of a straight line where there are but two edges.
+    """
     h = np.diff(t)
     s = np.diff(p) / h
     if len(s) == 1:
-        return np.repeat(s, 2)
+        return np.repeat(s, 2), np.zeros(2)
     inner = (h[1:] * s[:-1] + h[:-1] * s[1:]) / (h[:-1] + h[1:])
-    return np.concatenate([[2 * s[0] - inner[0]], inner, [2 * s[-1] - inner[-1]]])
+    bend = 2 * np.diff(s) / (h[:-1] + h[1:])
+    slope = np.concatenate([[2 * s[0] - inner[0]], inner, [2 * s[-1] - inner[-1]]])
+    return slope, np.concatenate([bend[:1], bend, bend[-1:]])
 
 
-def _standing(t: Floats, times: Floats, i: np.ndarray) -> Booleans:
+def _standing(t: Floats, times: Floats, i: Integers, quiet_until: float) -> Booleans:
+    """Whether interval i of each time, bounded by edges at t, is so long that the encoder must have stood."""
     h = np.diff(t)
-    ends = np.array([np.inf])
-    longest_neighbour = np.maximum(np.concatenate([[0.0], h[:-1]]), np.concatenate([h[1:], [0.0]]))
-    inside = np.concatenate([[False], (h > STANDSTILL_RATIO * longest_neighbour) & (longest_neighbour > 0), [False]])
-    limit = STANDSTILL_RATIO * np.concatenate([h[:1], h, h[-1:]])
-    elapsed = np.maximum(np.append(t, ends)[i] - times, 0)
-    elapsed = np.where(i == 0, elapsed, times - t[i - 1])
-    outside = ((i == 0) | (i == len(t))) & (elapsed > limit[i])
-    return np.asarray(inside[i] | outside)
+    longer_neighbour = np.maximum(np.concatenate([[0.0], h[:-1]]), np.concatenate([h[1:], [0.0]]))
+    inner = (h > STANDSTILL_RATIO * longer_neighbour) & (longer_neighbour > 0)
+    after_last = max(quiet_until, float(times.max(initial=0.0))) - t[-1] > STANDSTILL_RATIO * h[-1]
+    before_first = t[0] - times > STANDSTILL_RATIO * h[0]
+    return np.asarray(np.concatenate([[False], inner, [after_last]])[i] | ((i == 0) & before_first))
 
 
 class AngleTracker:
     """Gives each frame of a stream the encoder's position at its rows, a few frames late.
 
     A row's curve needs edges after it, which come with the frames that follow. A frame is held back until two edges
-    after its last row are known, or ``ahead`` more frames have come.
+    after its last row are known, or ``patience_s`` has passed: turning round takes as long.
 
     Parameters
     ----------
     clock_hz : of the card
     time_offset_s : added to row times, the calibration's; the frame's own ``time_offset_ns`` comes on top
-    ahead : most frames that are held back
+    patience_s : how long a frame is held back at most, by the card's time
     """
 
-    def __init__(self, clock_hz: float, time_offset_s: float = 0.0, ahead: int = 4) -> None:
+    def __init__(self, clock_hz: float, time_offset_s: float = 0.0, patience_s: float = 0.5) -> None:
         self.clock_hz = clock_hz
         self.time_offset_s = time_offset_s
-        self.ahead = ahead
+        self.patience_s = patience_s
         self._edges = Edges.none()
         self._waiting: deque[tuple[Frame, int]] = deque()
         self._last_frame: Frame | None = None
@@ -145,7 +156,8 @@ class AngleTracker:
     def _is_ready(self) -> bool:
         frame = self._waiting[0][0]
         end = frame.header["last_time"] + self._offset_clocks(frame)
-        return len(self._waiting) > self.ahead or int((self._edges.time > end).sum()) >= 2
+        newest = self._waiting[-1][0].header["last_time"]
+        return newest - end > self.patience_s * self.clock_hz or int((self._edges.time > end).sum()) >= 2
 
     def _release(self) -> tuple[Frame, RowAngles]:
         frame, last_count = self._waiting.popleft()
@@ -155,7 +167,8 @@ class AngleTracker:
         self._edges = self._edges[max(start - _HISTORY, 0) :]
         times = frame.row_times() + offset
         if len(self._edges):
-            position, standing = interpolate(self._edges, times, header["first_time"])
+            newest = self._waiting[-1][0] if self._waiting else frame
+            position, standing = interpolate(self._edges, times, header["first_time"], newest.header["last_time"])
         else:
             first = last_count + wrapped_difference(header["first_count"], header["last_count"])
             position, standing = np.full(len(times), first + 0.5), np.ones(len(times), bool)
