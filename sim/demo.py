@@ -1,0 +1,79 @@
+"""A scan from nothing: what ``make scan`` does. Prints each command, so that it can be typed as well.
+
+``python -m sim.demo OUT [--scene NAME]`` scans a scene twice with the virtual card, with the card's own detector
+and with the paper's way, and judges both clouds by the scene's truth.
+"""
+
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import click
+
+from magtrak.cli import fail
+
+BIN = Path(sys.executable).parent
+START_S = 600.0  # the first start compiles the card, and on a new machine Yosys as well
+
+
+class Failed(Exception):
+    """A command ended with an error, which it has told itself."""
+
+
+def show(command: list[str]) -> None:
+    print(f"\n$ {shlex.join(command)}", flush=True)
+
+
+def call(command: list[str]) -> None:
+    """Run a command of this environment to its end."""
+    show(command)
+    if subprocess.run([BIN / command[0], *command[1:]], check=False).returncode:
+        raise Failed(command[0])
+
+
+def scan(card: list[str], receiver: list[str], link: Path) -> None:
+    """Run the virtual card and, as soon as its port is there, the receiver."""
+    link.unlink(missing_ok=True)
+    show([*card, "&"])
+    process = subprocess.Popen([BIN / card[0], *card[1:]])
+    try:
+        until = time.monotonic() + START_S
+        while not link.exists():
+            if process.poll() is not None or time.monotonic() > until:
+                raise Failed(card[0])
+            time.sleep(0.05)
+        call(receiver)
+        if process.wait(timeout=60):
+            raise Failed(card[0])
+    finally:
+        if process.poll() is None:
+            process.terminate()
+            process.wait()
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--scene", default="default", show_default=True)
+def main(out: Path, scene: str) -> None:
+    """Scan SCENE with the virtual card; cloud, picture and errors go to the folder OUT."""
+    out.mkdir(parents=True, exist_ok=True)
+    link, calibration, truth = out / "card", out / "calibration.json", out / "truth.npz"
+    cloud, paper = out / "scan.ply", out / "paper.ply"
+    card = ["magtrak-sim", "--scene", scene, "--link", f"{link}", "--pace", "max", "--truth", f"{truth}"]
+    receiver = ["magtrak-recv", "--port", f"{link}", "--calibration", f"{calibration}"]
+    judge = ["python", "-m", "sim.evaluate", "--scene", scene, "--truth", f"{truth}"]
+    picture = ["--picture", f"{cloud.with_suffix('.png')}"]
+    try:
+        call(["python", "-m", "sim.scene", scene, "--calibration", f"{calibration}"])
+        scan(card, [*receiver, "--output", f"{cloud}", *picture], link)
+        print("\nThe same scan in the paper's way: mean of the gated pixels, one bare encoder count for an image.")
+        scan(card, [*receiver, "--output", f"{paper}", "--settings", "paper", "--angle", "bare"], link)
+        call([*judge, f"{cloud}", "--compare", f"{paper}"])
+    except Failed as error:
+        fail(f"{error} failed; what it said is above.")
+
+
+if __name__ == "__main__":
+    main()

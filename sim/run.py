@@ -1,0 +1,72 @@
+"""Builds the virtual card that ``magtrak-sim``'s options ask for, and runs it."""
+
+from pathlib import Path
+
+import click
+
+from .card import VirtualCard, World, clock_hz
+from .errors import SimError
+from .pictures import Pictures
+from .playback import read_angles
+from .scene import Scene
+from .terminal import Terminal
+from .timing import Timing
+from .truth import TruthLog
+from .worlds import PictureWorld, SceneWorld
+
+
+def run(
+    *,
+    scene: str | None,
+    frames: Path | None,
+    angles: Path | None,
+    counts_per_turn: int,
+    link: Path | None,
+    frame_rate: float | None,
+    row_time: float | None,
+    exposure: float | None,
+    pace: str,
+    loop: bool,
+    truth: Path | None,
+    speckle: float | None,
+    seed: int,
+) -> None:
+    """Options as in ``magtrak-sim --help``; :exc:`SimError` where they can't be."""
+    log: TruthLog | None = None
+    world: World
+    if (scene is None) == (frames is None):
+        raise SimError("Give either --scene NAME or --frames DIR with --angles FILE.csv.")
+    if scene is not None:
+        if angles is not None:
+            raise SimError("--angles goes with --frames: a scene has a motor of its own.")
+        what = Scene.load(scene).override(frame_rate, row_time, exposure, speckle)
+        clock = clock_hz(what.camera.width, what.timing)
+        log = TruthLog(what) if truth is not None else None
+        world = SceneWorld(what, log, seed)
+    else:
+        assert frames is not None
+        if angles is None:
+            raise SimError("--frames needs --angles FILE.csv: the angle of the laser at each picture.")
+        for name, value in (("--exposure", exposure), ("--truth", truth), ("--speckle", speckle)):
+            if value is not None:
+                raise SimError(f"{name} goes with --scene: pictures from files are as they are.")
+        if counts_per_turn < 4 or counts_per_turn % 4:
+            raise SimError(f"--counts-per-turn {counts_per_turn} has to be a positive multiple of 4.")
+        pictures = Pictures(frames)
+        timing = Timing(pictures.height, 50.0 if frame_rate is None else frame_rate, row_time and row_time * 1e-6)
+        clock = clock_hz(pictures.width, timing)
+        world = PictureWorld(pictures, read_angles(angles, len(pictures)), timing, counts_per_turn, clock)
+    terminal = Terminal(link)
+    try:
+        card = VirtualCard(world, terminal, clock, real_time=pace == "real")
+        click.echo(
+            f"virtual card on {terminal.name}: {world.width} x {world.height}, {world.frames} pictures", err=True
+        )
+        try:
+            card.run(loop)
+        finally:
+            card.close()
+            if log is not None and truth is not None:
+                log.save(truth)
+    finally:
+        terminal.close()
