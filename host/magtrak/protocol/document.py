@@ -72,6 +72,7 @@ def render() -> str:
     parts += ["### Full row\n", _layout(packets.FULL_ROW)]
     parts += ["### Detectors\n", _enum(registers.Detector)]
     parts += ["### Choices\n", _enum(registers.Choice)]
+    parts += ["### Laser causes\n", _enum(registers.LaserCause)]
     doc = (registers.__doc__ or "").split("\n\n", 1)[1]
     parts += ["## Registers\n", doc]
     rows = []

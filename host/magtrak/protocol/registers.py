@@ -56,6 +56,15 @@ class Choice(enum.IntEnum):
     STRONGEST = 0
 
 
+class LaserCause(enum.IntEnum):
+    """Why the laser is not armed."""
+
+    NEVER_ARMED = 0
+    COMMAND = 1
+    INTERLOCK = 2
+    LEASE = 3
+
+
 @dataclass(frozen=True)
 class Register:
     """One register, or a table of ``words`` registers at consecutive addresses.
@@ -232,7 +241,7 @@ REGISTERS: tuple[Register, ...] = (
         "laser_cause",
         0x0344,
         8,
-        "why the laser is off: 0 never armed, 1 by command, 2 interlock opened, 3 lease lapsed",
+        "a LaserCause: why the laser was disarmed last, or could not be armed",
     ),
 )
 
