@@ -1,0 +1,149 @@
+"""Laser enable: on only while every condition holds."""
+
+from dataclasses import dataclass, replace
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import data, wiring
+from amaranth.lib.cdc import FFSynchronizer
+from amaranth.lib.wiring import In, Out
+
+from magtrak.protocol import LASER_KEY, LaserCause
+
+SYNCHRONISER_STAGES = 2
+
+
+class LaserState(data.Struct):
+    """Register ``laser_state``: the laser emits, is armed, its interlock is closed, its lease alive."""
+
+    emitting: 1
+    armed: 1
+    closed: 1
+    alive: 1
+
+
+@dataclass(frozen=True)
+class Arming:
+    """What :meth:`Interlock.reference` remembers from clock to clock."""
+
+    armed: bool = False
+    emitting: bool = False
+    cause: LaserCause = LaserCause.NEVER_ARMED
+    heard: bool = False
+    silent_ms: int = 0
+    waited_ms: int = 0
+
+
+class Interlock(wiring.Component):
+    """Enables the laser while it is armed, the interlock closed and the host alive.
+
+    Off after reset. Writing the key arms it, if the interlock is closed and the lease alive then; any other value
+    disarms. Armed, the lamp is on, and emission follows after ``delay_ms`` to ``delay_ms + 1`` ms. Arming what is
+    armed changes nothing. Every intact command renews the lease. The laser is disarmed ``lease_ms - 1`` to
+    ``lease_ms`` ms after the last one, and when the interlock opens. Whatever it was, only the key arms it again.
+
+    What disarmed it last, or kept it from being armed, stays in ``cause``. Where several things happen in one
+    clock, the interlock counts before the lease, and that before the command.
+
+    ``laser`` is low as soon as the pin is: the pin gates the output directly, and needs no clock for it. It stays
+    low where the pin is sampled open once; an opening shorter than a clock may interrupt the light only for
+    as long. Every other cause takes one clock.
+
+    This is no substitute for an interlock in series with the laser's supply.
+
+    Members
+    -------
+    interlock : pin, asynchronous, 1 is closed
+    tick : strobe, a millisecond has passed
+    arm, key : strobe, a value is written to ``laser_arm``
+    renew : strobe, an intact command has come
+    lease_ms, delay_ms : settings
+    laser : pin, enables the laser
+    lamp : pin, emission indicator: on from arming to disarming
+    state : see :class:`LaserState`
+    cause : a :class:`magtrak.protocol.LaserCause`
+    """
+
+    interlock: In(1)
+    tick: In(1)
+    arm: In(1)
+    key: In(16)
+    renew: In(1)
+    lease_ms: In(16)
+    delay_ms: In(16)
+    laser: Out(1)
+    lamp: Out(1)
+    state: Out(LaserState)
+    cause: Out(8)
+
+    @staticmethod
+    def reference(
+        now: Arming, *, closed: bool, tick: bool, key: int | None, renew: bool, lease_ms: int, delay_ms: int
+    ) -> Arming:
+        """The definition: what a clock makes of ``now``. ``key`` is None where nothing is written.
+
+        ``closed`` is the pin two clocks ago. The lamp is ``armed``; the laser is ``emitting`` while the pin is closed,
+        and was so in the two clocks before.
+        """
+        heard = now.heard or renew
+        silent_ms = 0 if renew else min(now.silent_ms + tick, 65536)
+        now = replace(now, heard=heard, silent_ms=silent_ms)
+        if not now.armed and key != LASER_KEY:
+            return now
+        for missing, cause in (
+            (not closed, LaserCause.INTERLOCK),
+            (not heard or silent_ms >= lease_ms, LaserCause.LEASE),
+            (key not in (None, LASER_KEY), LaserCause.COMMAND),
+        ):
+            if missing:
+                return replace(now, armed=False, emitting=False, cause=cause)
+        if not now.armed:
+            return replace(now, armed=True, waited_ms=0)
+        waited_ms = min(now.waited_ms + tick, 65536)
+        return replace(now, emitting=now.emitting or waited_ms > delay_ms, waited_ms=waited_ms)
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        closed = Signal()
+        m.submodules.synchroniser = FFSynchronizer(self.interlock, closed, stages=SYNCHRONISER_STAGES)
+        # Spans the clocks until the synchroniser knows. It only gates the output: it may be metastable.
+        sampled = Signal()
+        m.d.sync += sampled.eq(self.interlock)
+
+        # One bit more than the settings: counters stop where no setting reaches.
+        heard, silent, silent_now = Signal(), Signal(17), Signal(17)
+        alive = Signal()
+        m.d.comb += silent_now.eq(silent)
+        with m.If(self.renew):
+            m.d.comb += silent_now.eq(0)
+        with m.Elif(self.tick & ~silent[-1]):
+            m.d.comb += silent_now.eq(silent + 1)
+        m.d.comb += alive.eq((heard | self.renew) & (silent_now < self.lease_ms))
+        m.d.sync += [silent.eq(silent_now), heard.eq(heard | self.renew)]
+
+        armed, emitting = Signal(), Signal()
+        waited, waited_now = Signal(17), Signal(17)
+        m.d.comb += waited_now.eq(waited + (self.tick & ~waited[-1]))
+
+        keyed = Signal()
+        m.d.comb += keyed.eq(self.key == LASER_KEY)
+        with m.If(armed | (self.arm & keyed)):
+            with m.If(~closed):
+                m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.INTERLOCK)]
+            with m.Elif(~alive):
+                m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.LEASE)]
+            with m.Elif(self.arm & ~keyed):
+                m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.COMMAND)]
+            with m.Elif(armed):
+                m.d.sync += [waited.eq(waited_now), emitting.eq(emitting | (waited_now > self.delay_ms))]
+            with m.Else():
+                m.d.sync += [armed.eq(1), waited.eq(0)]
+
+        m.d.comb += [
+            self.laser.eq(emitting & self.interlock & sampled & closed),
+            self.lamp.eq(armed),
+            self.state.emitting.eq(self.laser),
+            self.state.armed.eq(armed),
+            self.state.closed.eq(closed),
+            self.state.alive.eq(alive),
+        ]
+        return m
