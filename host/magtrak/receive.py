@@ -16,6 +16,7 @@ from .errors import EndOfStreamError, MagtrakError, OutputError, SettingsError
 from .link import Link
 from .scan import Scan
 from .settings import Settings
+from .settings_file import load_settings
 
 PROGRESS_S = 0.2
 
@@ -51,7 +52,7 @@ def receive(
         In one sentence.
     """
     loaded = Calibration.load(calibration)
-    chosen = _with_counts_per_turn(Settings.load(settings), loaded, settings)
+    chosen = _with_counts_per_turn(load_settings(settings), loaded, settings)
     _check_outputs(output, picture)
     interrupt = _Interrupt()
     with Link(port, baud) as link:

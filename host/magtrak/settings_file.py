@@ -1,0 +1,144 @@
+"""Settings files (TOML), and the ready-made ones in ``presets``.
+
+A file has a table for each class of :mod:`magtrak.settings`, with the names of its fields; what it leaves out keeps its
+default. Every value is checked, and a name that means nothing is an error: it is most likely mistyped.
+"""
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from .checked import Checked
+from .errors import SettingsError
+from .settings import Camera, Encoder, Gate, LaserSwitch, Motor, Peak, Region, Runs, Settings, Weight
+
+PRESETS = ("green", "red", "green-daylight", "red-daylight", "paper")
+
+# What settings may say; a card may not have all of them yet.
+DETECTORS = ("binary", "centroid", "fir", "maximum")
+CHOICES = ("strongest", "first", "last", "widest", "nearest")
+
+
+def parse_settings(values: object, where: str = "settings") -> Settings:
+    """From parsed TOML; :exc:`SettingsError` names file, field, value and what was expected."""
+    top = Checked(where, values, SettingsError)
+    top.only(_SECTIONS)
+    return Settings(**{name: read(top.section(name, required=False)) for name, read in _SECTIONS.items()})
+
+
+def load_settings(name: str) -> Settings:
+    """Ready-made ones by name, or from a file, whose name ends in ``.toml``."""
+    if name in PRESETS:
+        text = resources.files(__package__).joinpath("presets", f"{name}.toml").read_text(encoding="utf-8")
+    elif not name.endswith(".toml"):
+        raise SettingsError(f"settings {name!r} are not known: use {', '.join(PRESETS)} or a file NAME.toml")
+    else:
+        try:
+            text = Path(name).read_text(encoding="utf-8")
+        except FileNotFoundError:
+            raise SettingsError(f"settings {name} do not exist: check the path") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise SettingsError(f"settings {name} cannot be read: {error}") from None
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"settings {name} are no TOML: {error}") from None
+    return parse_settings(values, name)
+
+
+def _gate(table: Checked) -> Gate:
+    table.only(("hue", "luminance", "saturation"))
+    gate = Gate(
+        table.span("hue", 0, 360, Gate.hue),
+        table.span("luminance", 0, 1, Gate.luminance),
+        table.span("saturation", 0, 1, Gate.saturation),
+    )
+    for name in ("luminance", "saturation"):
+        low, high = getattr(gate, name)
+        if low > high:
+            table.refuse(name, "two numbers from 0 to 1, the smaller first")
+    return gate
+
+
+def _weight(table: Checked) -> Weight:
+    table.only(("mix", "floor"))
+    mix = Weight.mix
+    if "mix" in table.values:
+        red, green, blue = table.array("mix", (3,)).tolist()
+        # A register holds -512 to 511 of 1/256.
+        if not all(-2 <= part <= 511 / 256 for part in (red, green, blue)):
+            table.refuse("mix", "three numbers from -2 to 1.996, for R, G and B")
+        mix = (red, green, blue)
+    return Weight(mix, table.integer("floor", 0, 255, Weight.floor))
+
+
+def _runs(table: Checked) -> Runs:
+    limits = {"min_gated": 4095, "reach": 15, "min_width": 4095, "max_width": 4095, "bridge": 15}
+    table.only(limits)
+    runs = Runs(**{name: table.integer(name, 0, limit, getattr(Runs, name)) for name, limit in limits.items()})
+    if runs.max_width < runs.min_width:
+        table.refuse("max_width", f"at least min_width, {runs.min_width}")
+    return runs
+
+
+def _region(table: Checked) -> Region:
+    names = ("first_column", "last_column", "first_row", "last_row")
+    table.only(names)
+    region = Region(**{name: table.integer(name, 0, 4095, getattr(Region, name)) for name in names})
+    if region.last_column < region.first_column:
+        table.refuse("last_column", f"at least first_column, {region.first_column}")
+    if region.last_row < region.first_row:
+        table.refuse("last_row", f"at least first_row, {region.first_row}")
+    return region
+
+
+def _camera(table: Checked) -> Camera:
+    table.only(("exposure_s", "time_offset_s"))
+    return Camera(table.number("exposure_s", 0, 60, 0.0), table.number("time_offset_s", -1, 1, 0.0))
+
+
+def _peak(table: Checked) -> Peak:
+    table.only(("detector", "choice", "ambiguous_ratio"))
+    return Peak(
+        table.choice("detector", DETECTORS, Peak.detector),
+        table.choice("choice", CHOICES, Peak.choice),
+        table.number("ambiguous_ratio", 0, 1, Peak.ambiguous_ratio),
+    )
+
+
+def _motor(table: Checked) -> Motor:
+    table.only(("duty", "pwm_hz"))
+    return Motor(table.number("duty", -1, 1, Motor.duty), table.number("pwm_hz", 100, 1e6, Motor.pwm_hz))
+
+
+def _laser(table: Checked) -> LaserSwitch:
+    table.only(("arm", "lease_s", "delay_s"))
+    return LaserSwitch(
+        table.boolean("arm", LaserSwitch.arm),
+        table.number("lease_s", 0.01, 65.0, LaserSwitch.lease_s),
+        table.number("delay_s", 0, 65.0, LaserSwitch.delay_s),
+    )
+
+
+def _encoder(table: Checked) -> Encoder:
+    table.only(("counts_per_turn", "filter_clocks", "swap", "index_invert"))
+    return Encoder(
+        table.integer("counts_per_turn", 0, 2**24 - 1, Encoder.counts_per_turn),
+        table.integer("filter_clocks", 0, 255, Encoder.filter_clocks),
+        table.boolean("swap", Encoder.swap),
+        table.boolean("index_invert", Encoder.index_invert),
+    )
+
+
+_SECTIONS: dict[str, Any] = {
+    "gate": _gate,
+    "weight": _weight,
+    "runs": _runs,
+    "region": _region,
+    "camera": _camera,
+    "peak": _peak,
+    "motor": _motor,
+    "laser": _laser,
+    "encoder": _encoder,
+}
