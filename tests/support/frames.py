@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+
 from magtrak import protocol
 from magtrak.protocol import RowForm
 
@@ -71,9 +72,7 @@ class Recorder:
         order = np.argsort(times)
         return times[order], np.array(counts, int)[order], np.array(backward, int)[order]
 
-    def payloads(
-        self, count: int, columns: Callable[[int], np.ndarray] | None = None, **header: int
-    ) -> list[bytes]:
+    def payloads(self, count: int, columns: Callable[[int], np.ndarray] | None = None, **header: int) -> list[bytes]:
         """Payloads of ``count`` frames; ``columns(number)`` gives a row's column in px, NaN for none."""
         times, counts, backward = self.edges(self.start_s + count * self.frame_s)
         logged = 0
