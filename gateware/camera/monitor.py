@@ -1,0 +1,242 @@
+"""Watches the camera, and lets only well-formed images into the card."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from ..layouts import CameraErrors, Video
+
+MIN_BLANKING = 16
+MIN_ROW_PERIOD = 48
+MIN_FRAME_GAP = 64
+
+
+class CheckedPixel(data.Struct):
+    """A pixel of an image that keeps the contract, whatever the camera did; black where it had to be made up.
+
+    ``fault``: the row broke the contract here, or a row before it in the frame is missing.
+    """
+
+    r: 8
+    g: 8
+    b: 8
+    row_first: 1
+    row_last: 1
+    frame_first: 1
+    fault: 1
+
+
+class Monitor(wiring.Component):
+    """Checks the contract of :class:`~gateware.layouts.Video`, and mends what breaks it.
+
+    Whatever comes in, what goes out has this form, so that no other block has to think of the rest:
+
+    - a row begins with ``row_first``, ends with ``row_last`` and has at most ``max_columns`` pixels;
+    - :data:`MIN_BLANKING` clocks lie between ``row_last`` and ``row_first``, :data:`MIN_ROW_PERIOD`
+      between ``row_first`` and ``row_first``;
+    - a frame has at most ``max_rows`` rows; the first has ``frame_first``, and ``frame_end`` comes with or
+      after the last.
+
+    How it mends, each time setting the error and ``fault`` on the rows that suffer:
+
+    - a row that starts too early loses its first pixels (its columns then count from the first that is left); a
+      row that is over by then is lost, is not counted, and every later row of the frame has ``fault``;
+    - a row that did not end, when the next row, the next frame or the frame's end comes, is ended by a black pixel
+      (which costs the next row its first pixels) or by the pixel that comes with the frame's end;
+    - pixels and rows above the limits are left out; the limit's last pixel has ``row_last``;
+    - pixels between rows, and rows between frames, are left out;
+    - a frame that did not end when the next one starts is ended.
+
+    Until the first ``frame_first`` after reset everything is ignored: a card may be switched on in the middle of an
+    image. Latency one clock.
+
+    Parameters
+    ----------
+    max_columns : 16 to 2048
+    max_rows : 1 to 2048
+
+    Members
+    -------
+    video : from the camera
+    pixel : stream of :class:`CheckedPixel`, always ready
+    frame_end : strobe, with or after the last pixel of the frame
+    frame_gap : strobe, with the first pixel of a frame that came too early: settings may have changed while the
+        frame before was still being measured
+    errors : of the last frame that ended, from 1 clock after ``frame_end`` until the next
+    rows, columns : of that frame; rows counts those that went out, columns is the length of the first of them
+    errors_ever : every error since reset
+
+    Raises
+    ------
+    ValueError
+        A limit is out of range.
+    """
+
+    def __init__(self, max_columns: int = 2048, max_rows: int = 2048) -> None:
+        if not 16 <= max_columns <= 2048:
+            raise ValueError(f"max_columns is {max_columns}; 16 to 2048 are possible")
+        if not 1 <= max_rows <= 2048:
+            raise ValueError(f"max_rows is {max_rows}; 1 to 2048 are possible")
+        self.max_columns = max_columns
+        self.max_rows = max_rows
+        super().__init__(
+            {
+                "video": In(Video()),
+                "pixel": Out(stream.Signature(CheckedPixel, always_ready=True)),
+                "frame_end": Out(1),
+                "frame_gap": Out(1),
+                "errors": Out(CameraErrors),
+                "rows": Out(12),
+                "columns": Out(12),
+                "errors_ever": Out(CameraErrors),
+            }
+        )
+
+    latency = 1
+    """Clocks from ``video`` to ``pixel``."""
+
+    def elaborate(self, platform):
+        m = Module()
+        i, valid = self.video.pixel.p, self.video.pixel.valid
+        in_frame, seen = Signal(), Signal()
+        in_row = Signal()  # the camera is within a row
+        sending = Signal()  # a row is going out
+        late = Signal()  # the camera's row has not gone out yet: it came too early
+        lost = Signal()  # a row of this frame is missing
+        fresh = Signal()  # no row of this frame has gone out
+        row_count, columns = Signal(12), Signal(12)
+
+        first, begin = Signal(), Signal()
+        m.d.comb += [first.eq(valid & i.row_first), begin.eq(first & i.frame_first)]
+        end = Signal()  # the frame ends, by itself or because the next one begins
+        m.d.comb += end.eq(in_frame & (self.video.frame_end | begin))
+        belongs = Signal()
+        m.d.comb += belongs.eq(valid & (i.row_first | in_row) & (begin | in_frame))
+
+        close_frame = self._within(m, MIN_FRAME_GAP, valid & seen, "gap")
+
+        # What goes out.
+        o = self.pixel.p
+        out_valid, out_last, fault = Signal(), Signal(), Signal()
+        start = Signal()  # a row goes out from this pixel on
+        black = Signal()  # a row has to be ended with a pixel that there is not
+        full = Signal()  # the frame has all the rows that it may have
+        flushing = self._within(m, MIN_BLANKING, out_last, "flush")
+        early = self._within(m, MIN_ROW_PERIOD, start, "early")
+        m.d.comb += [
+            full.eq(~begin & (row_count == self.max_rows)),
+            start.eq(belongs & (i.row_first | late) & ~sending & ~flushing & ~early & ~full),
+            black.eq(sending & (first | (self.video.frame_end & ~valid))),
+            out_valid.eq(start | black | (sending & valid)),
+        ]
+        at = Signal(12)  # column of the pixel that goes out
+        m.d.comb += at.eq(Mux(start, 0, columns))
+        limit = Signal()
+        m.d.comb += [
+            limit.eq(at == self.max_columns - 1),
+            out_last.eq(out_valid & (black | i.row_last | limit | self.video.frame_end)),
+            fault.eq(black | late | (lost & ~begin) | (~i.row_last & out_last)),
+        ]
+        m.d.sync += [
+            self.pixel.valid.eq(out_valid),
+            o.r.eq(Mux(black, 0, i.r)),
+            o.g.eq(Mux(black, 0, i.g)),
+            o.b.eq(Mux(black, 0, i.b)),
+            o.row_first.eq(start),
+            o.row_last.eq(out_last),
+            o.frame_first.eq(start & (fresh | begin)),
+            o.fault.eq(fault),
+            self.frame_end.eq(end),
+            self.frame_gap.eq(begin & close_frame),
+        ]
+
+        # The camera's state.
+        with m.If(valid):
+            m.d.sync += in_row.eq(belongs & ~i.row_last & ~self.video.frame_end)
+        with m.Elif(self.video.frame_end):
+            m.d.sync += in_row.eq(0)
+        over = Signal()  # the camera's row is over
+        m.d.comb += over.eq(belongs & (i.row_last | self.video.frame_end))
+        with m.If(out_valid):
+            m.d.sync += [sending.eq(~out_last), columns.eq(at + 1)]
+        with m.If(belongs & i.row_first):
+            m.d.sync += late.eq(~start & ~full)
+        with m.Elif(start):
+            m.d.sync += late.eq(0)
+        with m.If(over | self.video.frame_end):
+            m.d.sync += late.eq(0)
+        with m.If(begin):
+            m.d.sync += [in_frame.eq(1), seen.eq(1), lost.eq(0), fresh.eq(~start), row_count.eq(start)]
+        with m.Else():
+            with m.If(start):
+                m.d.sync += [fresh.eq(0), row_count.eq(row_count + 1)]
+            with m.If(self.video.frame_end):
+                m.d.sync += in_frame.eq(0)
+        with m.If(over & ~start & ((late & ~i.row_first) | (i.row_first & ~full))):
+            m.d.sync += lost.eq(1)
+
+        # Errors, a clock later.
+        close_end = self._within(m, MIN_BLANKING, valid & i.row_last, "blanking")
+        close_start = self._within(m, MIN_ROW_PERIOD, first, "row_period")
+        found = Signal(CameraErrors)
+        length, expected = Signal(12), Signal(12)
+        measured = Signal()  # `expected` holds the length of the frame's first row
+        row_over = Signal()
+        m.d.sync += row_over.eq(over)
+        with m.If(belongs):
+            m.d.sync += length.eq(Mux(i.row_first, 1, Mux(length == self.max_columns, length, length + 1)))
+        m.d.sync += [
+            found.blanking.eq(first & seen & close_end),
+            found.row_period.eq(first & seen & close_start),
+            found.frame_gap.eq(begin & close_frame),
+            found.columns.eq(out_valid & limit & ~i.row_last & ~black),
+            found.rows.eq(belongs & i.row_first & full),
+            found.framing.eq(
+                (valid & i.frame_first & ~i.row_first & seen)
+                | (first & in_row)
+                | (valid & seen & ~begin & ~belongs)
+                | (self.video.frame_end & ~in_frame & ~begin & seen)
+                | (self.video.frame_end & ((in_row & ~valid) | (valid & belongs & ~i.row_last)))
+            ),
+        ]
+        ended, begun = Signal(), Signal()
+        m.d.sync += [ended.eq(end), begun.eq(begin)]
+        bad_length = Signal()
+        m.d.comb += bad_length.eq(row_over & measured & ~begun & (length != expected))
+        now = Signal(CameraErrors)
+        m.d.comb += [now.eq(found), now.row_length.eq(bad_length)]
+        so_far = Signal(CameraErrors)
+        last_rows = Signal(12)
+        with m.If(begin):
+            m.d.sync += last_rows.eq(row_count)
+        with m.Elif(end):
+            m.d.sync += last_rows.eq(row_count + start)
+
+        m.d.sync += so_far.eq(so_far.as_value() | now.as_value())
+        with m.If(row_over & (~measured | begun)):
+            m.d.sync += [measured.eq(1), expected.eq(length)]
+        with m.If(begun & ~row_over):
+            m.d.sync += measured.eq(0)
+        # A frame that the next one cut off lacks its end; the rest of what was found then is the new frame's.
+        cut_off = Signal(CameraErrors)
+        m.d.comb += cut_off.framing.eq(ended & begun)
+        m.d.sync += self.errors_ever.eq(self.errors_ever.as_value() | now.as_value() | cut_off.as_value())
+        with m.If(ended):
+            m.d.sync += [self.rows.eq(last_rows), self.columns.eq(Mux(measured, expected, 0))]
+            with m.If(begun):
+                m.d.sync += [self.errors.eq(so_far.as_value() | cut_off.as_value()), so_far.eq(now)]
+            with m.Else():
+                m.d.sync += [self.errors.eq(so_far.as_value() | now.as_value()), so_far.eq(0), measured.eq(0)]
+                with m.If(row_over & ~measured):
+                    m.d.sync += self.columns.eq(length)
+        return m
+
+    @staticmethod
+    def _within(m: Module, clocks: int, event, name: str):
+        """Whether fewer than ``clocks`` clocks have passed since ``event``, which itself does not count."""
+        left = Signal(range(clocks), name=f"{name}_left")
+        with m.If(event):
+            m.d.sync += left.eq(clocks - 1)
+        with m.Elif(left != 0):
+            m.d.sync += left.eq(left - 1)
+        return left != 0

@@ -1,0 +1,104 @@
+"""Zero crossings of the smoothed derivative of a row."""
+
+from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from magtrak.reference import fir
+from magtrak.reference.fir import DERIVATIVE_MAX, INTENSITY_MAX, REACH, TAPS
+
+from ..arithmetic import adder_tree
+from .lookahead import LOOKAHEAD
+
+
+class Fir(wiring.Component):
+    """A 15-tap derivative and its falling zero crossings, as :func:`magtrak.reference.fir.crossings` defines them.
+
+    Every register moves by columns, not by clocks: a result stands ``LOOKAHEAD`` columns after its column entered,
+    beside the :class:`~gateware.vision.lookahead.Column`, until the next step. Products are sums of two shifted terms.
+
+    Members
+    -------
+    step, mix, row_first : from :class:`~gateware.vision.lookahead.Lookahead`
+    falls : the derivative is negative here for the first time after it was positive
+    distance : columns back to the last one where it was positive, at least 1
+    rise, fall : magnitude of the derivative there and here
+    intensity : smoothed intensity there, less that at the start of the row
+    """
+
+    step: In(1)
+    mix: In(8)
+    row_first: In(1)
+    falls: Out(1)
+    distance: Out(12)
+    rise: Out(DERIVATIVE_MAX.bit_length())
+    fall: Out(DERIVATIVE_MAX.bit_length())
+    intensity: Out(signed(INTENSITY_MAX.bit_length() + 1))
+
+    reference = staticmethod(fir.crossings)
+
+    latency = LOOKAHEAD
+    """Steps from a column's ``mix`` to its result."""
+
+    def elaborate(self, platform):
+        m = Module()
+
+        def register(value, name):
+            held = Signal(value.shape(), name=name, reset_less=True)
+            with m.If(self.step):
+                m.d.sync += held.eq(value)
+            return held
+
+        firsts = [self.row_first]
+        for place in range(1, LOOKAHEAD):
+            firsts.append(register(firsts[-1], f"first_{place}"))
+
+        # Steps 1 to 8: the window. The first column of a row fills it: the left border is replicated.
+        window = []
+        for place in range(2 * REACH + 1):
+            before = window[-1] if window else self.mix
+            window.append(register(Mux(self.row_first, self.mix, before), f"window_{place}"))
+        # Steps 9 and 10: differences of at most 255, products; 11 and 12: sums; 13: the derivative.
+        terms = []
+        for k, tap in enumerate(TAPS, 1):
+            difference = register(window[REACH - k] - window[REACH + k], f"difference_{k}")
+            terms.append(register(_times(difference, tap), f"product_{k}"))
+        slope = Signal(signed(DERIVATIVE_MAX.bit_length() + 1))
+        m.d.comb += slope.eq(adder_tree(terms, register))
+        # Step 14: the running sum, which is the smoothed intensity.
+        intensity = Signal(self.intensity.shape(), reset_less=True)
+        with m.If(self.step):
+            m.d.sync += intensity.eq(Mux(firsts[13], 0, intensity) + slope)
+        here = register(slope, "here")
+        up, down = register(slope > 0, "up"), register(slope < 0, "down")
+        # Step 15: crossings.
+        armed = Signal()
+        risen = Signal(self.rise.shape(), reset_less=True)
+        risen_intensity = Signal(self.intensity.shape(), reset_less=True)
+        since = Signal(12, reset_less=True)
+        with m.If(self.step):
+            m.d.sync += [
+                armed.eq(up | (armed & ~firsts[14] & ~down)),
+                since.eq(Mux(up, 1, since + 1)),
+                self.falls.eq(down & armed & ~firsts[14]),
+                self.distance.eq(since),
+                self.rise.eq(risen),
+                self.fall.eq(-here),
+                self.intensity.eq(risen_intensity),
+            ]
+            with m.If(up):
+                m.d.sync += [risen.eq(here), risen_intensity.eq(intensity)]
+        return m
+
+
+def _times(value, factor: int):
+    """``value * factor`` as one sum or difference; the taps are chosen so that it can be."""
+    for high in range(factor.bit_length() + 1):
+        if factor == 1 << high:
+            return value << high
+        for low in range(high):
+            if factor == (1 << high) + (1 << low):
+                return (value << high) + (value << low)
+            if factor == (1 << high) - (1 << low):
+                return (value << high) - (value << low)
+    raise ValueError(f"tap {factor} is no sum or difference of two powers of two")

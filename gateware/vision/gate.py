@@ -1,0 +1,65 @@
+"""The colour gate: three tables, all of which must pass."""
+
+from amaranth.hdl import Cat, Module, Signal
+from amaranth.lib import memory, wiring
+from amaranth.lib.wiring import In, Out
+
+from magtrak.protocol import LUT_WORDS
+from magtrak.reference import gate
+
+from ..arithmetic import delayed
+from ..layouts import LutWrite
+from .hls import Colour
+
+
+class Gate(wiring.Component):
+    """One bit per colour: hue, luminance and saturation all pass their tables.
+
+    Each table has 256 entries of one bit, in two banks of 16 x 32 bits of distributed RAM. The host fills the idle
+    bank; ``lut.swap`` exchanges the banks of all three at once, for colours that come from then on. After reset
+    both banks are 0: nothing passes.
+
+    Members
+    -------
+    lut : writes to the idle bank, and the strobe that swaps
+    i : colour
+    o : whether the colour of :attr:`latency` clocks ago passes
+
+    With :class:`~gateware.vision.hls.HLS` before it, it computes :func:`magtrak.reference.gate`.
+    """
+
+    lut: In(LutWrite())
+    i: In(Colour)
+    o: Out(1)
+
+    latency = 3
+    """Clocks from the colour to its bit: word, byte, bit."""
+
+    reference = staticmethod(gate)
+
+    def elaborate(self, platform):
+        m = Module()
+        bank = Signal()
+        with m.If(self.lut.swap):
+            m.d.sync += bank.eq(~bank)
+
+        passes = []
+        for axis, name in enumerate(("hue", "luminance", "saturation")):
+            table = memory.Memory(shape=32, depth=2 * LUT_WORDS, init=[])
+            m.submodules[f"table_{name}"] = table
+            write = table.write_port()
+            m.d.comb += [
+                write.en.eq(self.lut.valid & (self.lut.axis == axis)),
+                write.addr.eq(Cat(self.lut.word, ~bank)),
+                write.data.eq(self.lut.data),
+            ]
+            read = table.read_port(domain="comb")
+            index = self.i[name]
+            m.d.comb += read.addr.eq(Cat(index[5:8], bank))
+            word = delayed(m, read.data, 1, f"{name}_word")
+            low = delayed(m, index[:5], 1, f"{name}_low")
+            byte = Signal(8, name=f"{name}_byte", reset_less=True)
+            m.d.sync += byte.eq(word.word_select(low[3:5], 8))
+            passes.append(byte.bit_select(delayed(m, low[:3], 1, f"{name}_bit"), 1))
+        m.d.sync += self.o.eq(passes[0] & passes[1] & passes[2])
+        return m

@@ -1,0 +1,129 @@
+"""Holds pixels back, so that a row is measured with the columns ahead in view."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from ..arithmetic import delayed
+from ..layouts import FrameSettings
+from .pixels import MeasuredPixel
+
+LOOKAHEAD = 15
+"""Columns that are known beyond the one being measured: the greatest ``run_reach``."""
+
+
+class Column(data.Struct):
+    """A pixel where runs are measured.
+
+    ``ahead`` counts the gated pixels of the row up to ``run_reach`` columns after it, ``behind`` those more than
+    ``run_reach`` columns before it: the gated pixels within reach of a run are ``ahead`` at its last column less
+    ``behind`` at its first.
+    """
+
+    column: 12
+    row: 12
+    weight: 8
+    lit: 1
+    gate: 1
+    saturated: 1
+    row_first: 1
+    row_last: 1
+    fault: 1
+    ahead: 12
+    behind: 12
+
+
+class Lookahead(wiring.Component):
+    """Delays pixels by :data:`LOOKAHEAD` columns and counts gated pixels ahead and behind.
+
+    Pixels may come with gaps. After the last one of a row the delay is flushed with as many blank columns, one a clock;
+    the next row must leave that time, and :class:`~gateware.camera.monitor.Monitor` sees to it.
+
+    Members
+    -------
+    settings : ``run_reach`` is used
+    i : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready
+    step, mix, row_first : the filter's input: a new column, its mix (a blank repeats the last), whether it begins a
+        row; the column stands at ``mix`` from the clock after its step on, until the next step
+    o : stream of :class:`Column`, always ready; :attr:`latency` clocks after the pixel where columns come one a clock
+    """
+
+    settings: In(FrameSettings)
+    i: In(stream.Signature(MeasuredPixel, always_ready=True))
+    step: Out(1)
+    mix: Out(8)
+    row_first: Out(1)
+    o: Out(stream.Signature(Column, always_ready=True))
+
+    latency = LOOKAHEAD + 1
+    """Clocks from the pixel to its column, where columns come one a clock."""
+
+    def elaborate(self, platform):
+        m = Module()
+        i = self.i.p
+        blanks = Signal(range(LOOKAHEAD + 1))  # left to insert
+        with m.If(self.i.valid):
+            m.d.sync += blanks.eq(Mux(i.row_last, LOOKAHEAD, 0))
+        with m.Elif(blanks != 0):
+            m.d.sync += blanks.eq(blanks - 1)
+        m.d.comb += self.step.eq(self.i.valid | (blanks != 0))
+
+        # Place p of each line holds what entered p steps ago; column x stands at place LOOKAHEAD.
+        flags = ("gate", "saturated", "row_first", "row_last", "frame_first", "fault")
+        entering = {name: self.i.valid & i[name] for name in flags}
+        entering |= {"pixel": self.i.valid, "lit": self.i.valid & i.weight.any()}
+        lines = {}
+        for name, value in entering.items():
+            places = 2 * LOOKAHEAD + 1 if name == "gate" else LOOKAHEAD + 1
+            lines[name] = line = Signal(places, name=f"{name}_line")
+            with m.If(self.step):
+                m.d.sync += line.eq(Cat(value, line))
+        weight = Signal(8, reset_less=True)
+        weights = [weight]
+        with m.If(self.step):
+            m.d.sync += weight.eq(i.weight)
+            for place in range(1, LOOKAHEAD + 1):
+                next_weight = Signal(8, name=f"weight_{place}", reset_less=True)
+                m.d.sync += next_weight.eq(weights[-1])
+                weights.append(next_weight)
+        with m.If(self.i.valid):
+            m.d.sync += self.mix.eq(i.mix)
+        m.d.comb += self.row_first.eq(lines["row_first"][0])
+
+        # What stands at LOOKAHEAD - 1 now and at LOOKAHEAD after the step; the counters take it in the same step.
+        entry = LOOKAHEAD - 1
+        reach = self.settings.run_reach
+        row_enters = Signal()
+        column, row = Signal(12), Signal(12)
+        ahead, behind = Signal(12), Signal(12)
+        ahead_gate, ahead_first, behind_gate = Signal(), Signal(), Signal()
+        back = Signal(range(LOOKAHEAD + 1))
+        m.d.comb += [
+            back.eq(LOOKAHEAD - reach),
+            row_enters.eq(lines["row_first"][entry]),
+            ahead_gate.eq(Cat(entering["gate"], lines["gate"]).bit_select(back, 1)),
+            ahead_first.eq(Cat(entering["row_first"], lines["row_first"]).bit_select(back, 1)),
+            behind_gate.eq(lines["gate"].bit_select(LOOKAHEAD + reach, 1)),
+        ]
+        with m.If(self.step):
+            m.d.sync += [
+                column.eq(Mux(row_enters, 0, column + 1)),
+                ahead.eq(Mux(ahead_first, 0, ahead) + ahead_gate),
+                behind.eq(Mux(row_enters, 0, behind + behind_gate)),
+            ]
+            with m.If(row_enters):
+                m.d.sync += row.eq(Mux(lines["frame_first"][entry], 0, row + 1))
+        stepped = delayed(m, self.step, 1, "stepped")
+
+        o = self.o.p
+        m.d.comb += [
+            self.o.valid.eq(stepped & lines["pixel"][LOOKAHEAD]),
+            o.column.eq(column),
+            o.row.eq(row),
+            o.weight.eq(weights[LOOKAHEAD]),
+            o.ahead.eq(ahead),
+            o.behind.eq(behind),
+        ]
+        for name in ("lit", "gate", "saturated", "row_first", "row_last", "fault"):
+            m.d.comb += o[name].eq(lines[name][LOOKAHEAD])
+        return m

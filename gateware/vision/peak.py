@@ -1,0 +1,187 @@
+"""The row's record, made from what was found in it."""
+
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, signed
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from magtrak.protocol import Detector
+from magtrak.reference import measure
+from magtrak.reference.fir import BEND, FRACTION, REACH
+
+from ..arithmetic import SerialDivider, delayed
+from ..layouts import FrameSettings, Row, RowResult
+from .choose import Chosen
+from .spread import Gated
+
+FRACTION_BITS = (FRACTION - 1).bit_length()
+
+
+class Peak(wiring.Component):
+    """Divides, and writes the record, as :func:`magtrak.reference.measure` defines it.
+
+    Two serial dividers work at once, one on the position (in 1/512 px, then rounded), one on the runner-up's ratio. A
+    row that ends while they are at work waits, up to 9 clocks; it can only be shorter than the one before, which breaks
+    the camera's contract.
+
+    Parameters
+    ----------
+    max_columns : columns of an image, 2 to 2048
+
+    Members
+    -------
+    settings : the detector, and what cut and ambiguous depend on, are used
+    end : strobe, ``chosen`` and ``gated`` hold the whole row
+    chosen, gated : what was found; they have to stand until ``taken``
+    taken : strobe
+    o : stream of :class:`~gateware.layouts.RowResult`, always ready, :attr:`latency` clocks after ``end``
+    """
+
+    def __init__(self, max_columns: int = 2048) -> None:
+        if not 2 <= max_columns <= 2048:
+            raise ValueError(f"max_columns is {max_columns}; 2 to 2048 are possible")
+        self.max_columns = max_columns
+        self.quotient_bits = (max_columns - 1).bit_length() + FRACTION_BITS
+        super().__init__(
+            {
+                "settings": In(FrameSettings),
+                "end": In(1),
+                "chosen": In(Chosen),
+                "gated": In(Gated),
+                "taken": Out(1),
+                "o": Out(stream.Signature(RowResult, always_ready=True)),
+            }
+        )
+
+    reference = staticmethod(measure)
+
+    @property
+    def latency(self) -> int:
+        """Clocks from ``end`` to the record: take, divide, straighten, write."""
+        return 1 + SerialDivider(1, self.quotient_bits).latency + 2
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.position = position = SerialDivider(16, self.quotient_bits)
+        m.submodules.ratio = ratio = SerialDivider(20, 9)
+
+        waiting, started = Signal(), Signal()
+        # Free again in time for the next row's take to find the record written.
+        busy = Signal()
+        m.d.comb += self.taken.eq((self.end | waiting) & ~busy)
+        m.d.sync += [waiting.eq((self.end | waiting) & busy), started.eq(self.taken)]
+        with m.If(self.taken):
+            m.d.sync += busy.eq(1)
+        with m.Elif(self.o.valid):
+            m.d.sync += busy.eq(0)
+
+        chosen, gated = Signal(Chosen, reset_less=True), Signal(Gated, reset_less=True)
+        with m.If(self.taken):
+            m.d.sync += [chosen.eq(self.chosen), gated.eq(self.gated)]
+        run, crossing = chosen.run, chosen.run.crossing
+        binary = Signal()
+        m.d.comb += binary.eq(self.settings.detector == Detector.BINARY)
+
+        # Divide. A crossing's rise is less than its chord, a mean column less than max_columns: both quotients fit.
+        numerator = Signal(gated.columns.shape())
+        m.d.comb += [
+            numerator.eq(Mux(binary, gated.columns, crossing.rise)),
+            position.dividend.eq(numerator << FRACTION_BITS),
+            position.divisor.eq(Mux(binary, gated.total, crossing.chord)),
+            position.start.eq(started),
+            ratio.dividend.eq(Mux(chosen.second_found, chosen.second_sum, 0) << 8),
+            ratio.divisor.eq(run.sum),
+            ratio.start.eq(started),
+        ]
+
+        # Straighten: half columns and a share in 1/512 px.
+        halves = Signal(13)
+        share = Signal(self.quotient_bits)
+        straight, single = Signal(), Signal()
+        m.d.sync += [straight.eq(crossing.zeros == 0), single.eq(crossing.zeros == 1)]
+        bend = Array(Const(value, signed(3)) for value in BEND)[position.quotient[FRACTION_BITS - 5 : FRACTION_BITS]]
+        with m.If(binary):
+            m.d.sync += [halves.eq(0), share.eq(position.quotient)]
+        with m.Elif(~run.crossed):
+            m.d.sync += [halves.eq(run.first + run.last), share.eq(0)]
+        with m.Else():
+            m.d.sync += halves.eq((crossing.before << 1) + crossing.zeros)
+            with m.If(straight):
+                m.d.sync += share.eq(position.quotient[:FRACTION_BITS] - bend)
+            with m.Elif(single):
+                m.d.sync += share.eq(FRACTION // 2)
+            with m.Else():
+                m.d.sync += share.eq(position.quotient[:FRACTION_BITS])
+
+        # Flags, while the dividers work.
+        touched = Signal(Gated)  # whose first and last column count
+        m.d.comb += [
+            touched.first.eq(Mux(binary, gated.first, run.first)),
+            touched.last.eq(Mux(binary, gated.last, run.last)),
+        ]
+        touches = Signal(4)
+        over, uncrossed = Signal(2), Signal()
+        m.d.sync += [
+            touches.eq(
+                Cat(
+                    touched.first == 0,
+                    touched.first == self.settings.column_first,
+                    touched.last == gated.last_column,
+                    touched.last == self.settings.column_last,
+                )
+            ),
+            over.eq(Cat(crossing.before < REACH, crossing.after + REACH > gated.last_column)),
+            uncrossed.eq(~run.crossed),
+        ]
+        span, enough = Signal(12), Signal()
+        m.d.sync += [
+            span.eq(gated.last - gated.first + 1),
+            enough.eq((gated.total >= self.settings.run_gated) & gated.total.any()),
+        ]
+        stray, spread = Signal(), Signal()
+        m.d.sync += [
+            stray.eq(chosen.found & (gated.total > (run.gated << 1))),
+            spread.eq(binary & (span > self.settings.run_width_max)),
+        ]
+        rival = Signal()
+        m.d.sync += rival.eq(chosen.second_found & (ratio_limited(ratio.quotient) >= self.settings.ambiguous_ratio))
+        valid = Signal()
+        m.d.sync += valid.eq(Mux(binary, enough, chosen.found))
+
+        # Write.
+        fine = Signal(21)
+        m.d.comb += fine.eq((halves << (FRACTION_BITS - 1)) + share + 1)
+        record = Signal(Row)
+        with m.If(valid):
+            m.d.comb += [
+                record.valid.eq(1),
+                record.position.eq(fine >> 1),
+                record.cut.eq(touches.any() | (~binary & (over.any() | uncrossed))),
+                record.ambiguous.eq(stray | spread | rival),
+                record.width.eq(Mux(chosen.found, run.width, span)),
+                record.gated.eq(Mux(chosen.found, run.gated, gated.total)),
+            ]
+            with m.If(chosen.found):
+                m.d.comb += [
+                    record.saturated.eq(run.clipped.any()),
+                    record.sum.eq(run.sum),
+                    record.peak.eq(run.peak),
+                    record.clipped.eq(run.clipped),
+                    record.second_valid.eq(chosen.second_found),
+                ]
+            with m.If(chosen.found & chosen.second_found):
+                m.d.comb += [
+                    record.second_position.eq(chosen.second_ends << 7),
+                    record.runner_up.eq(ratio_limited(ratio.quotient)),
+                ]
+        m.d.comb += record.overflow.eq(gated.fault)
+        m.d.sync += [
+            self.o.p.row.eq(gated.row),
+            self.o.p.record.eq(record),
+            self.o.valid.eq(delayed(m, position.done, 1, "straightened")),
+        ]
+        return m
+
+
+def ratio_limited(quotient):
+    """256 * second / best is at most 256; 8 bits hold up to 255."""
+    return Mux(quotient[8], 255, quotient[:8])

@@ -1,0 +1,129 @@
+"""What is measured of each pixel on its own: gate, weight and place."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from ..arithmetic import delayed
+from ..camera.monitor import CheckedPixel
+from ..layouts import FrameSettings, LutWrite
+from .gate import Gate
+from .hls import HLS
+from .weight import Weight
+
+
+class MeasuredPixel(data.Struct):
+    """A pixel after the point-wise stages. Outside the region of interest ``weight`` and ``gate`` are 0."""
+
+    mix: 8
+    weight: 8
+    gate: 1
+    saturated: 1
+    row_first: 1
+    row_last: 1
+    frame_first: 1
+    fault: 1
+
+
+class Region(wiring.Component):
+    """Whether a pixel is in the region of interest. Counts rows and columns by the flags of the pixels.
+
+    Members
+    -------
+    settings : ``column_first`` to ``column_last`` and ``row_first`` to ``row_last``, ends included, are used
+    valid, row_first, frame_first : of the pixel
+    inside : of the pixel of :attr:`latency` clocks ago
+    """
+
+    settings: In(FrameSettings)
+    valid: In(1)
+    row_first: In(1)
+    frame_first: In(1)
+    inside: Out(1)
+
+    latency = 3
+    """Count, compare, join."""
+
+    def elaborate(self, platform):
+        m = Module()
+        column, row = Signal(12), Signal(12)
+        with m.If(self.valid):
+            m.d.sync += column.eq(Mux(self.row_first, 0, column + 1))
+            with m.If(self.row_first):
+                m.d.sync += row.eq(Mux(self.frame_first, 0, row + 1))
+        bounds = [
+            column >= self.settings.column_first,
+            column <= self.settings.column_last,
+            row >= self.settings.row_first,
+            row <= self.settings.row_last,
+        ]
+        within = Signal(len(bounds))
+        for at, bound in enumerate(bounds):
+            m.d.sync += within[at].eq(bound)
+        m.d.sync += self.inside.eq(within.all())
+        return m
+
+
+class Pixels(wiring.Component):
+    """The stages that know one pixel at a time, latency-matched into one stream.
+
+    Members
+    -------
+    settings : the weight's mix and floor, and the region, are used
+    lut : writes to the gate's tables
+    i : stream of :class:`~gateware.camera.monitor.CheckedPixel`, always ready
+    o : stream of :class:`MeasuredPixel`, always ready, :attr:`latency` clocks later
+    """
+
+    settings: In(FrameSettings)
+    lut: In(LutWrite())
+    i: In(stream.Signature(CheckedPixel, always_ready=True))
+    o: Out(stream.Signature(MeasuredPixel, always_ready=True))
+
+    @property
+    def latency(self) -> int:
+        """Clocks from ``i`` to ``o``: the colour path is the longest, one more joins all."""
+        return HLS().latency + Gate.latency + 1
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.hls = hls = HLS()
+        m.submodules.gate = gate = Gate()
+        m.submodules.weight = weight = Weight()
+        m.submodules.region = region = Region()
+        wiring.connect(m, gate.lut, wiring.flipped(self.lut))
+        i, o = self.i.p, self.o.p
+        m.d.comb += [
+            hls.r.eq(i.r),
+            hls.g.eq(i.g),
+            hls.b.eq(i.b),
+            gate.i.eq(hls.o),
+            weight.settings.eq(self.settings),
+            weight.r.eq(i.r),
+            weight.g.eq(i.g),
+            weight.b.eq(i.b),
+            region.settings.eq(self.settings),
+            region.valid.eq(self.i.valid),
+            region.row_first.eq(i.row_first),
+            region.frame_first.eq(i.frame_first),
+        ]
+        clocks = self.latency - 1
+        inside = delayed(m, region.inside, clocks - region.latency, "inside")
+        brightness = [
+            delayed(m, getattr(weight, name), clocks - weight.latency, name) for name in ("mix", "weight", "saturated")
+        ]
+        m.d.sync += [
+            o.mix.eq(brightness[0]),
+            o.weight.eq(Mux(inside, brightness[1], 0)),
+            o.saturated.eq(brightness[2]),
+            o.gate.eq(gate.o & inside),
+        ]
+        for name in ("row_first", "row_last", "frame_first", "fault"):
+            m.d.sync += o[name].eq(delayed(m, i[name], clocks, name))
+        valid = self.i.valid
+        for clock in range(clocks):  # with a reset, unlike the data
+            register = Signal(name=f"valid_{clock + 1}")
+            m.d.sync += register.eq(valid)
+            valid = register
+        m.d.sync += self.o.valid.eq(valid)
+        return m
