@@ -11,9 +11,10 @@ from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from gateware.layouts import Edge
-from gateware.motion.quadrature import UNKNOWN, Move
 from magtrak.protocol import MAX_EDGES
+
+from ..layouts import Edge
+from .quadrature import UNKNOWN, Move
 
 
 class AngleStamp(data.Struct):

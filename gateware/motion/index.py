@@ -7,8 +7,8 @@ from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from gateware.motion.filter import LENGTH_BITS, GlitchFilter
-from gateware.motion.quadrature import Move
+from .filter import LENGTH_BITS, GlitchFilter
+from .quadrature import Move
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,7 @@ class Interlock(wiring.Component):
         m.d.comb += [
             self.laser.eq(emitting & self.interlock & sampled & closed),
             self.lamp.eq(armed),
-            self.state.emitting.eq(self.laser),
+            self.state.emitting.eq(emitting & closed),
             self.state.armed.eq(armed),
             self.state.closed.eq(closed),
             self.state.alive.eq(alive),

@@ -8,7 +8,7 @@ from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
-from gateware.motion.filter import LENGTH_BITS, GlitchFilter
+from .filter import LENGTH_BITS, GlitchFilter
 
 SYNCHRONISER_STAGES = 2
 UNKNOWN = (1 << 32) - 1

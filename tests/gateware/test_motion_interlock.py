@@ -24,7 +24,8 @@ def check(stimulus):
     for clock, values in enumerate(stimulus):
         laser = now.emitting and all(closed[clock : clock + SYNCHRONISER_STAGES + 1])
         assert (got["laser"][clock], got["lamp"][clock]) == (laser, now.armed), clock
-        assert (got["state.emitting"][clock], got["state.armed"][clock]) == (laser, now.armed), clock
+        assert got["state.emitting"][clock] == (now.emitting and closed[clock]), clock
+        assert got["state.armed"][clock] == now.armed, clock
         assert got["state.closed"][clock] == closed[clock]
         assert got["cause"][clock] == now.cause, clock
         if got["laser"][clock]:

@@ -1,0 +1,214 @@
+"""Everything that turns, and the light that turns with it."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.cdc import FFSynchronizer
+from amaranth.lib.wiring import In, Out
+
+from magtrak.protocol import MAX_EDGES
+
+from ..layouts import Edge, EncoderErrors, NowSettings
+from .angle import AngleLatch, AngleStamp, EdgeLog
+from .filter import LENGTH_BITS, Align
+from .index import Index
+from .interlock import Interlock, LaserState
+from .milliseconds import Milliseconds
+from .pwm import Pwm
+from .quadrature import SYNCHRONISER_STAGES, Quadrature
+
+
+class Motion(wiring.Component):
+    """Encoder, index, angle of the image, motor and laser.
+
+    One time rules all stamps: ``time``, clocks since reset. An edge has the time at which its pin changed, a latch that
+    of its strobe; synchroniser and glitch filter delay strobes and pins alike, so they are made up for exactly. What a
+    strobe at time t latches comes :meth:`latency` clocks later, and includes the edges up to and including t.
+
+    ``take`` cuts the edge log likewise: ``taken`` follows :meth:`latency` clocks later, and from then on until the next
+    ``taken`` the log can be read. ``first``, ``last`` and ``encoder_fault`` at ``taken`` are those of all strobes
+    and edges up to ``take``; ``first`` and ``last`` change with the next image.
+
+    Settings act at once. A new ``encoder_filter`` moves the times of the edges and strobes under way by as much as
+    it differs, and may repeat such a strobe or leave it out: write it when no image is measured.
+
+    Members
+    -------
+    encoder_a, encoder_b, index, interlock : pins, asynchronous
+    pwm, direction, brake, laser, lamp : pins
+    clock_hz : frequency of the clock, constant
+    settings : registers in force
+    row_first, frame_first : strobes, column 0 of a row arrives; the row is the first of its image
+    arm, arm_key : strobe, value written to ``laser_arm``
+    renew : strobe, an intact command has come
+    take, taken : strobes, the edge log of an image is wanted; is ready to be read
+    time : clocks since reset
+    first, last : latches of the first and the last row
+    encoder_fault : an illegal transition, or a wrong turn, between the last two ``take``
+    edges, edge_shift : entries of the edge log, and which edges they are
+    edge_index, edge : entry to read; the entry, a clock later
+    count : now, :meth:`latency` clocks late
+    index_time, index_count, index_passes, index_seen : last pass of the index
+    encoder_errors : since reset
+    laser_state, laser_cause : registers
+    laser_on_whole_frame : the laser has been on since ``frame_first``
+    """
+
+    encoder_a: In(1)
+    encoder_b: In(1)
+    index: In(1)
+    interlock: In(1)
+    pwm: Out(1)
+    direction: Out(1)
+    brake: Out(1)
+    laser: Out(1)
+    lamp: Out(1)
+
+    clock_hz: In(32)
+    settings: In(NowSettings)
+    row_first: In(1)
+    frame_first: In(1)
+    arm: In(1)
+    arm_key: In(16)
+    renew: In(1)
+
+    take: In(1)
+    taken: Out(1)
+    time: Out(48)
+    first: Out(AngleStamp)
+    last: Out(AngleStamp)
+    encoder_fault: Out(1)
+    edges: Out(range(MAX_EDGES + 1))
+    edge_shift: Out(8)
+    edge_index: In(range(MAX_EDGES))
+    edge: Out(Edge)
+
+    count: Out(signed(32))
+    index_time: Out(48)
+    index_count: Out(signed(32))
+    index_passes: Out(16)
+    index_seen: Out(1)
+    encoder_errors: Out(EncoderErrors)
+    laser_state: Out(LaserState)
+    laser_cause: Out(8)
+    laser_on_whole_frame: Out(1)
+
+    @staticmethod
+    def latency(length: int) -> int:
+        """Clocks from a strobe to what it latches, with the glitch filter at ``length``."""
+        return Quadrature.latency(length) + 1
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        length = Signal(LENGTH_BITS)
+        m.d.comb += length.eq(self.settings.encoder_filter)
+
+        m.submodules.encoder = encoder = Quadrature()
+        m.d.comb += [
+            encoder.a.eq(self.encoder_a),
+            encoder.b.eq(self.encoder_b),
+            encoder.length.eq(length),
+            encoder.swap.eq(self.settings.encoder_swap),
+            self.count.eq(encoder.count),
+        ]
+
+        # Index and strobes, as late as the encoder: everything from `then` on is seen at one and the same pin time.
+        level = Signal()
+        m.submodules.synchroniser = FFSynchronizer(self.index, level, stages=SYNCHRONISER_STAGES)
+        strobes = Cat(self.row_first, self.frame_first, self.take)
+        for stage in range(SYNCHRONISER_STAGES):
+            delayed = Signal(len(strobes), name=f"strobes_{stage}")
+            m.d.sync += delayed.eq(strobes)
+            strobes = delayed
+        m.submodules.align = align = Align(len(strobes) + 1)
+        m.d.comb += [align.i.eq(Cat(strobes, level)), align.length.eq(length)]
+        row_first, frame_first, take, barrier = align.o
+
+        # Two additions in two clocks; the second register is a clock late, too, and leaves out as much.
+        late = Signal(range((1 << LENGTH_BITS) + Quadrature.latency(0)))
+        then = Signal(48)
+        m.d.sync += [
+            self.time.eq(self.time + 1),
+            late.eq(Mux(length == 0, 1, length) + (Quadrature.latency(1) - 2)),
+            then.eq(self.time - late),
+        ]
+
+        m.submodules.barrier = index = Index()
+        m.d.comb += [
+            index.level.eq(barrier),
+            index.valid.eq(align.valid),
+            index.time.eq(then),
+            index.count.eq(encoder.count),
+            index.edge.eq(encoder.edge),
+            index.backward.eq(encoder.backward),
+            index.debounce.eq(length),
+            index.invert.eq(self.settings.index_invert),
+            index.counts_per_turn.eq(self.settings.counts_per_turn),
+            self.index_time.eq(index.pass_time),
+            self.index_count.eq(index.pass_count),
+            self.index_passes.eq(index.passes),
+            self.index_seen.eq(index.seen),
+            self.encoder_errors.illegal.eq(encoder.illegals),
+            self.encoder_errors.turns.eq(index.turns),
+        ]
+
+        m.submodules.latch = latch = AngleLatch()
+        m.d.comb += [
+            latch.row_first.eq(row_first),
+            latch.frame_first.eq(frame_first),
+            latch.now.time.eq(then),
+            latch.now.count.eq(encoder.count),
+            latch.now.age.eq(encoder.age),
+            latch.now.period.eq(encoder.period),
+            self.first.eq(latch.first),
+            self.last.eq(latch.last),
+        ]
+
+        m.submodules.log = log = EdgeLog()
+        m.d.comb += [
+            log.edge.eq(encoder.edge),
+            log.backward.eq(encoder.backward),
+            log.count.eq(encoder.count),
+            log.time.eq(then),
+            log.take.eq(take),
+            log.index.eq(self.edge_index),
+            self.edges.eq(log.entries),
+            self.edge_shift.eq(log.shift),
+            self.edge.eq(log.entry),
+        ]
+
+        fault, fault_now = Signal(), Signal()
+        m.d.comb += fault_now.eq(fault | encoder.illegal | index.wrong)
+        m.d.sync += [self.taken.eq(take), fault.eq(fault_now & ~take)]
+        with m.If(take):
+            m.d.sync += self.encoder_fault.eq(fault_now)
+
+        m.submodules.driver = driver = Pwm()
+        m.d.comb += [
+            driver.period.eq(self.settings.motor_period),
+            driver.duty.eq(self.settings.motor_duty),
+            driver.brake.eq(self.settings.motor_brake),
+            self.pwm.eq(driver.pwm),
+            self.direction.eq(driver.direction),
+            self.brake.eq(driver.braking),
+        ]
+
+        m.submodules.milliseconds = milliseconds = Milliseconds()
+        m.submodules.enable = enable = Interlock()
+        whole = Signal()
+        m.d.comb += [
+            milliseconds.clock_hz.eq(self.clock_hz),
+            enable.interlock.eq(self.interlock),
+            enable.tick.eq(milliseconds.tick),
+            enable.arm.eq(self.arm),
+            enable.key.eq(self.arm_key),
+            enable.renew.eq(self.renew),
+            enable.lease_ms.eq(self.settings.laser_lease_ms),
+            enable.delay_ms.eq(self.settings.laser_delay_ms),
+            self.laser.eq(enable.laser),
+            self.lamp.eq(enable.lamp),
+            self.laser_state.eq(enable.state),
+            self.laser_cause.eq(enable.cause),
+            self.laser_on_whole_frame.eq(whole & enable.state.emitting),
+        ]
+        m.d.sync += whole.eq((whole | self.frame_first) & enable.state.emitting)
+        return m
