@@ -131,7 +131,7 @@ class Scene:
 
     @property
     def scan_duty(self) -> float:
-        """Duty of the PWM that takes the motor from where it stands to the end of the nominal scan in the scan's time."""
+        """Duty that takes the motor from where it stands to the end of the nominal scan, in the scan's time."""
         time_s = float((self.scan.frames - 1) * self.timing.period_s + self.timing.rows(0.0)[-1])
         tau = self.motor_parameters.time_constant_s
         lag = tau * (1 - exp(-time_s / tau))  # lost while it gathers speed
