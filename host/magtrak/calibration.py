@@ -156,8 +156,8 @@ def _laser(table: Checked, encoder: Checked) -> Laser:
             encoder.refuse("error_table", f"a list whose length divides counts_per_turn, {counts_per_turn}")
     return Laser(
         camera_from_laser=pose,
-        offset_mm=table.number("offset_mm", -1000, 1000),
-        tilt_rad=table.number("tilt_rad", -1.5, 1.5),
+        offset_mm=table.number("offset_mm", -1000, 1000, 0.0),
+        tilt_rad=table.number("tilt_rad", -1.5, 1.5, 0.0),
         zero_rad=table.number("zero_rad", -1000, 1000),
         sense=table.choice("sense", [1, -1]),
         counts_per_turn=counts_per_turn,

@@ -1,4 +1,4 @@
-"""A picture of a cloud: one big view at a slant, one from the front, one from above."""
+"""A picture of a cloud: a big view at a slant, one from the front, one from above."""
 
 import importlib.util
 from pathlib import Path
@@ -34,30 +34,31 @@ def draw(cloud: Records, path: Path, title: str = "") -> None:
         cloud = cloud[np.linspace(0, len(cloud) - 1, MAX_POINTS).astype(int)]
     points = np.stack([cloud["x"], cloud["y"], cloud["z"]], axis=-1).astype(np.float64)
     low, high = np.percentile(points[:, 2], [0.5, 99.5])
-    style = {"c": points[:, 2], "cmap": "turbo_r", "vmin": low, "vmax": high, "linewidths": 0, "rasterized": True}
+    style = {"cmap": "viridis_r", "vmin": low, "vmax": high, "linewidths": 0, "rasterized": True}
 
-    figure = Figure(figsize=(15, 9), layout="constrained")
+    figure = Figure(figsize=(16, 8.5), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2, 2, width_ratios=[1.7, 1])
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.6, 1], height_ratios=[2, 1])
     slant, front, above = (figure.add_subplot(part) for part in (grid[:, 0], grid[0, 1], grid[1, 1]))
 
-    turned = _turn(points, yaw_deg=32, pitch_deg=18)
+    turned = _turn(points, yaw_deg=24, pitch_deg=14)
     order = np.argsort(-turned[:, 2])
-    shaded = {**style, "c": points[order, 2]}
-    slant.scatter(turned[order, 0], -turned[order, 1], s=1.5, **shaded)
-    slant.set(title="at a slant from the upper right", xticks=[], yticks=[], aspect="equal")
+    shades = slant.scatter(turned[order, 0], -turned[order, 1], s=1.6, c=points[order, 2], **style)
+    slant.set(title=title or f"{len(points)} points, seen from the upper right", aspect="equal")
     slant.axis("off")
 
     order = np.argsort(-points[:, 2])
-    drawn = front.scatter(points[order, 0], points[order, 1], s=0.8, **{**style, "c": points[order, 2]})
-    front.set(title="from the camera", xlabel="X, mm", ylabel="Y, mm", aspect="equal")
+    front.scatter(points[order, 0], points[order, 1], s=0.7, c=points[order, 2], **style)
+    front.set(title="from the front", xlabel="X, mm", ylabel="Y, mm", aspect="equal")
     front.invert_yaxis()
-    above.scatter(points[:, 0], points[:, 2], s=0.5, **style)
+    above.scatter(points[:, 0], points[:, 2], s=0.5, c=points[:, 2], **style)
     above.set(title="from above", xlabel="X, mm", ylabel="Z, mm", aspect="equal")
-    figure.colorbar(drawn, ax=[front, above], label="depth Z, mm")
-    figure.suptitle(title or f"{len(cloud)} points")
+    for axes in (front, above):
+        axes.grid(True, linewidth=0.4, alpha=0.5)
+        axes.set_axisbelow(True)
+    figure.colorbar(shades, ax=[front, above], label="depth Z, mm", aspect=50).ax.invert_yaxis()
     try:
-        figure.savefig(path, dpi=110, format="png")
+        figure.savefig(path, dpi=100, format="png")
     except OSError as error:
         raise OutputError(f"picture {path} cannot be written: {error.strerror}") from None
 
