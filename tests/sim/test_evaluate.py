@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from sim import ply
+from sim import ply, surfaces
 from sim.errors import SimError
 from sim.evaluate import NEEDED, Judge, main, table
 from sim.render import Renderer
@@ -166,11 +166,11 @@ def test_a_rendered_line_triangulates_onto_the_surfaces() -> None:
     renderer, log = Renderer(scene), TruthLog(scene)
 
     def angle(t: np.ndarray) -> np.ndarray:
-        return MIDDLE - 0.03 + 0.2 * t
+        return MIDDLE - 0.02 + 0.2 * t
 
     rows = []
     for frame in range(8):
-        times = scene.timing.rows(0.05 * frame)
+        times = scene.timing.rows(0.1 * frame)
         log.rows(frame, 0, times, angle)
         light = renderer.light(0, 48, *renderer.exposure(*scene.timing.exposed(times), angle)).astype(float)
         bright = light.argmax(axis=1)
@@ -181,7 +181,7 @@ def test_a_rendered_line_triangulates_onto_the_surfaces() -> None:
     column = np.array([r[2] for r in rows])
     judge = Judge(scene, log.truth())
 
-    alpha = scene.laser.alpha(angle(0.05 * frame + row * 100e-6 - 0.001 - 0.0015))
+    alpha = scene.laser.alpha(angle(0.1 * frame + row * 100e-6 - 0.001 - 0.0015))
     n = np.stack([-np.sin(alpha) * cos(0.02), np.cos(alpha) * cos(0.02), np.full(len(alpha), np.sin(0.02))], axis=1)
     rays = scene.camera.rays(column, row)
     pose = np.array(scene.laser.camera_from_laser)
@@ -193,6 +193,8 @@ def test_a_rendered_line_triangulates_onto_the_surfaces() -> None:
     cloud["scalar_angle"] = alpha
     report = judge.judge(cloud)
     assert report.clean.points > 200
+    on_wall = surfaces.distance(scene.surfaces[:1], points) < surfaces.distance(scene.surfaces[1:], points)
+    assert 40 < on_wall.sum() < 200, "both have to be measured"
     assert report.clean.rms < 0.1
     assert report.clean.median < 0.05
     assert report.dark.points == 0
