@@ -1,6 +1,6 @@
 """How far the points of a scan lie from the true surfaces, and whether all were found that could be.
 
-``python -m sim.evaluate --scene NAME --truth TRUTH.npz CLOUD.ply [--compare OTHER.ply]``
+``python -m sim.evaluate --scene NAME --truth TRUTH.npz CLOUD.ply [--compare OTHER.ply [--compare-truth TRUTH.npz]]``
 
 Every point is sorted by what the truth says about its row and column, never by its error:
 
@@ -277,17 +277,32 @@ def table(reports: dict[str, Report]) -> str:
 @click.option("--scene", "name", default="default", show_default=True, help="Scene that was scanned.")
 @click.option("--truth", "truth_path", type=click.Path(path_type=Path), required=True, help="Log of the virtual card.")
 @click.option("--compare", type=click.Path(path_type=Path), help="Another cloud of the same scan, shown beside.")
+@click.option(
+    "--compare-truth",
+    type=click.Path(path_type=Path),
+    help="Log of the other cloud, if it comes from a scan of its own.",
+)
 @click.option("--first-frame", type=int, help="Picture that the cloud calls frame 0.")
-def main(cloud: Path, name: str, truth_path: Path, compare: Path | None, first_frame: int | None) -> None:
+def main(
+    cloud: Path,
+    name: str,
+    truth_path: Path,
+    compare: Path | None,
+    compare_truth: Path | None,
+    first_frame: int | None,
+) -> None:
     """Print the error of the points of CLOUD (PLY) against the true surfaces of a scene."""
     try:
         scene = Scene.load(name)
         judge = Judge(scene, Truth.load(truth_path, scene))
-        reports: dict[str, Report] = {}
-        for path in (cloud, compare):
-            if path is not None:
-                reports[path.stem] = report = judge.judge(ply.read(path, NEEDED), first_frame)
-                first_frame = report.first_frame
+        report = judge.judge(ply.read(cloud, NEEDED), first_frame)
+        reports = {cloud.stem: report}
+        if compare is not None:
+            other = ply.read(compare, NEEDED)
+            if compare_truth is None:
+                reports[compare.stem] = judge.judge(other, report.first_frame)
+            else:
+                reports[compare.stem] = Judge(scene, Truth.load(compare_truth, scene)).judge(other, first_frame)
     except SimError as error:
         raise click.ClickException(str(error)) from None
     click.echo(table(reports))

@@ -228,6 +228,10 @@ def test_command(tmp_path) -> None:
     assert result.exit_code == 0, result.output
     assert "spot on one surface" in result.output
     assert result.output.split()[:2] == ["scan", "paper"]
+    same = CliRunner().invoke(
+        main, [*arguments, "--compare", str(tmp_path / "paper.ply"), "--compare-truth", arguments[-1]]
+    )
+    assert same.output == result.output
     missing = CliRunner().invoke(main, [*arguments[:-1], str(tmp_path / "none.npz")])
     assert missing.exit_code == 1
     assert missing.output.startswith("Error: the truth")
