@@ -280,7 +280,7 @@ def table(reports: dict[str, Report]) -> str:
 @click.option(
     "--compare-truth",
     type=click.Path(path_type=Path),
-    help="Log of the other cloud, if it comes from a scan of its own.",
+    help="Log of the other cloud, if it is of another scan.",
 )
 @click.option("--first-frame", type=int, help="Picture that the cloud calls frame 0.")
 def main(
