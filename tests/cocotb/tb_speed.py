@@ -8,6 +8,7 @@ from pathlib import Path
 import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import FallingEdge
+
 from tests.bench.virtual_card import CLOCK_HZ, ROW_CLOCKS, WIDTH, picture
 
 ROWS = 60
