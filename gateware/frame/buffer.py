@@ -1,0 +1,131 @@
+"""Two buffers for frames: one fills while the other is sent."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from magtrak.protocol import MAX_EDGES
+
+from ..layouts import Edge, Rows
+from .facts import FrameReader, ImageFacts, MotionFacts, VisionFacts
+from .header import HeaderStore
+from .rows import RowStore
+
+
+class FrameBuffer(wiring.Component):
+    """Holds whole images until they are sent; the camera never waits.
+
+    The first pixel of an image claims a free buffer; without one the image is dropped whole, and counted.
+    Buffers are claimed, filled and sent in turn, so frames leave in order, and one that is being sent is
+    never written. ``rows`` of the header counts what was written for this very image: rows that earlier
+    ones left behind are never sent.
+
+    Reset empties both buffers.
+
+    Parameters
+    ----------
+    max_rows : rows of a buffer, a power of two; rows beyond are left out, and the header says so
+
+    Members
+    -------
+    frame_first : strobe: the first pixel of an image
+    frame_end : strobe: the image is over; after its last pixel and before the next ``frame_first``
+    image : sampled at ``frame_end``
+    rows, vision : results of the images, in order; ``vision`` as of ``rows.frame_end``
+    take : strobe at ``frame_end`` of an image that has a buffer
+    taken : strobe for each ``take``, in order and at least 112 clocks apart: its motion is known
+    motion : sampled at ``taken``
+    edge_index, edge : entry of the edge log as of ``taken``; ``edge`` follows the index by a clock
+    damaged_commands : for the header
+    frames, dropped : images seen, and those of them that were dropped
+    reader : the oldest complete frame
+    """
+
+    def __init__(self, max_rows: int) -> None:
+        self.row_store = RowStore(max_rows)
+        self.header_store = HeaderStore()
+        self.max_rows = max_rows
+        super().__init__(
+            {
+                "frame_first": In(1),
+                "frame_end": In(1),
+                "image": In(ImageFacts),
+                "rows": In(Rows()),
+                "vision": In(VisionFacts),
+                "take": Out(1),
+                "taken": In(1),
+                "motion": In(MotionFacts),
+                "edge_index": Out(range(MAX_EDGES)),
+                "edge": In(Edge),
+                "damaged_commands": In(16),
+                "frames": Out(32),
+                "dropped": Out(32),
+                "reader": Out(FrameReader(max_rows)),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.rows = rows = self.row_store
+        m.submodules.header = header = self.header_store
+        reader = self.reader
+
+        busy = Signal(2)  # claimed, and not sent yet
+        filled = Signal(2)  # rows complete
+        complete = Signal(2)  # header complete as well
+        claiming = Signal()  # the buffer whose turn it is
+        sending = Signal()
+
+        accepts = Signal()
+        accepted = Signal()  # the present image has a buffer
+        number = Signal(32)
+        m.d.comb += [
+            accepts.eq(~busy.bit_select(claiming, 1)),
+            self.take.eq(self.frame_end & accepted),
+            rows.frame_first.eq(self.frame_first),
+            rows.accepted.eq(accepts),
+            rows.vision.eq(self.vision),
+            header.take.eq(self.take),
+            header.image.eq(self.image),
+            header.number.eq(number),
+            header.taken.eq(self.taken),
+            header.motion.eq(self.motion),
+            header.dropped.eq(self.dropped),
+            header.damaged_commands.eq(self.damaged_commands),
+            self.edge_index.eq(header.edge_index),
+            header.edge.eq(self.edge),
+            header.filled.eq(filled),
+            rows.bank.eq(sending),
+            rows.index.eq(reader.row_index),
+            reader.row.eq(rows.row),
+            header.bank.eq(sending),
+            header.index.eq(reader.word_index),
+            reader.word.eq(header.word),
+            reader.ready.eq(complete.bit_select(sending, 1)),
+            reader.contents.form.eq(Mux(sending, header.form[1], header.form[0])),
+            reader.contents.edges.eq(Mux(sending, header.edges[1], header.edges[0])),
+            reader.contents.rows.eq(Mux(sending, rows.facts[1].rows, rows.facts[0].rows)),
+        ]
+        connect(m, flipped(self.rows), rows.rows)
+        for bank in range(2):
+            m.d.comb += header.rows[bank].eq(rows.facts[bank])
+
+        with m.If(reader.done):
+            m.d.sync += sending.eq(~sending)
+        with m.If(self.frame_first):
+            m.d.sync += [number.eq(self.frames), self.frames.eq(self.frames + 1), accepted.eq(accepts)]
+            with m.If(accepts):
+                m.d.sync += claiming.eq(~claiming)
+            with m.Else():
+                m.d.sync += self.dropped.eq(self.dropped + 1)
+        for bank in range(2):
+            with m.If(self.frame_first & accepts & (claiming == bank)):
+                m.d.sync += busy[bank].eq(1)
+            with m.If(rows.filled & (rows.filled_bank == bank)):
+                m.d.sync += filled[bank].eq(1)
+            with m.If(header.complete & (header.complete_bank == bank)):
+                m.d.sync += complete[bank].eq(1)
+            with m.If(reader.done & (sending == bank)):
+                m.d.sync += [busy[bank].eq(0), filled[bank].eq(0), complete[bank].eq(0)]
+
+        return m

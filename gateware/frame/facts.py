@@ -1,0 +1,96 @@
+"""What the header of a frame is made of, by the moment at which it is known; and how a frame is read."""
+
+from amaranth.hdl import signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from magtrak.protocol import EDGE, FRAME, MAX_EDGES
+
+from ..layouts import CameraErrors, EncoderErrors, Row
+from ..motion.angle import AngleStamp
+
+HEADER_WORDS = FRAME.size // 4
+EDGE_WORDS = EDGE.size // 4
+EDGE_BASE = 1 << (HEADER_WORDS - 1).bit_length()
+"""Where the edges begin among the 32-bit words of a frame; the header begins at 0."""
+
+WORDS = EDGE_BASE + MAX_EDGES * EDGE_WORDS
+
+
+class ImageFacts(data.Struct):
+    """Settings and laser, as of the end of the image."""
+
+    generation: 16
+    form: 1
+    detector: 8
+    exposure_us: 32
+    time_offset_ns: signed(32)
+    laser_on: 1
+    speed_in_band: 1
+
+
+class MotionFacts(data.Struct):
+    """Motion during the image, as of the clock in which the edge log was taken."""
+
+    first: AngleStamp
+    last: AngleStamp
+    index_seen: 1
+    index_count: signed(32)
+    index_passes: 16
+    encoder_errors: EncoderErrors
+    encoder_fault: 1
+    edges: range(MAX_EDGES + 1)
+    edge_shift: 8
+
+
+class VisionFacts(data.Struct):
+    """The camera's behaviour, as of the end of the image's results."""
+
+    errors: CameraErrors
+    columns: 16
+
+
+class RowFacts(data.Struct):
+    """What was stored of an image."""
+
+    vision: VisionFacts
+    rows: 16
+    lost: 1
+
+
+class Contents(data.Struct):
+    """What the buffer of a complete frame holds."""
+
+    form: 1
+    rows: 16
+    edges: range(MAX_EDGES + 1)
+
+
+class FrameReader(wiring.Signature):
+    """How a complete frame is read from its buffer.
+
+    Parameters
+    ----------
+    max_rows : rows of a buffer
+
+    Members
+    -------
+    ready : a frame waits; the members below speak of it
+    contents : what it has
+    word_index, word : words of header and edge log, 2 clocks later
+    row_index, row : its rows, 2 clocks later
+    done : strobe: it is no longer needed
+    """
+
+    def __init__(self, max_rows: int) -> None:
+        super().__init__(
+            {
+                "ready": Out(1),
+                "contents": Out(Contents),
+                "word_index": In(range(WORDS)),
+                "word": Out(32),
+                "row_index": In(range(max_rows)),
+                "row": Out(Row),
+                "done": In(1),
+            }
+        )

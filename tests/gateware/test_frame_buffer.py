@@ -1,0 +1,236 @@
+"""Frames through buffer and assembler: what is sent is what was measured, whole and in order."""
+
+import random
+from collections import defaultdict
+
+import pytest
+from amaranth.hdl import Module, Shape
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from gateware.frame.assembler import FrameAssembler
+from gateware.frame.buffer import FrameBuffer
+from gateware.frame.facts import ImageFacts, MotionFacts, VisionFacts
+from gateware.layouts import Packets
+from magtrak.protocol import COMPACT_ROW, EDGE, FRAME, FRAME_FLAGS, FULL_ROW, RowForm
+from tests.support.simulation import simulate
+
+MAX_ROWS = 16
+SHORTEST = 112  # clocks from image to image
+
+
+class Chain(wiring.Component):
+    """A buffer whose frames are sent."""
+
+    def __init__(self):
+        self.buffer = FrameBuffer(MAX_ROWS)
+        members = dict(self.buffer.signature.members)
+        del members["reader"]
+        super().__init__({**members, "o": Out(Packets)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.buffer = buffer = self.buffer
+        m.submodules.assembler = assembler = FrameAssembler(MAX_ROWS)
+        connect(m, buffer.reader, assembler.i)
+        connect(m, flipped(self.o), assembler.o)
+        connect(m, flipped(self.rows), buffer.rows)
+        for name, member in self.signature.members.items():
+            if name in ("o", "rows"):
+                continue
+            inner, outer = getattr(buffer, name), getattr(self, name)
+            m.d.comb += inner.eq(outer) if member.flow is In else outer.eq(inner)
+        return m
+
+
+def any_record(rng, layout):
+    """Random values of a protocol layout, the limits often among them."""
+    return {f.name: rng.choice([*f.range, rng.randint(*f.range)]) for f in layout.fields if not f.reserved}
+
+
+def any_facts(rng, shape):
+    """Random values of a struct."""
+    values = {}
+    for name, field in data.Layout.cast(shape):
+        if name == "edges":
+            values[name] = rng.choice([0, 1, 15, 16, rng.randrange(17)])
+        elif isinstance(field.shape, (int, range, Shape)):
+            shape = Shape.cast(field.shape)
+            values[name] = rng.randrange(1 << shape.width) - (shape.signed << shape.width - 1)
+        else:
+            values[name] = any_facts(rng, field.shape)
+    return values
+
+
+class Image:
+    """One image: everything that the header and the rows are to say."""
+
+    def __init__(self, rng, rows, form=None):
+        self.rows = [any_record(rng, FULL_ROW) | {"position": rng.randrange(1 << 19)} for _ in range(rows)]
+        self.image = any_facts(rng, ImageFacts) | ({} if form is None else {"form": int(form)})
+        self.motion = any_facts(rng, MotionFacts)
+        self.vision = any_facts(rng, VisionFacts)
+        self.vision["errors"] |= {"rows": int(rows > MAX_ROWS), "_reserved": 0}
+        self.edges = [any_record(rng, EDGE) for _ in range(16)]
+
+    def payload(self, number, dropped, damaged):
+        """The definition of what is sent of it."""
+        sent = self.rows[:MAX_ROWS]
+        errors = sum(bit << n for n, bit in enumerate(self.vision["errors"].values()))
+        encoder = self.motion["encoder_errors"]
+        flags = FRAME_FLAGS.pack(
+            {
+                "index_seen": self.motion["index_seen"],
+                "speed_in_band": self.image["speed_in_band"],
+                "laser_on": self.image["laser_on"],
+                "encoder_fault": self.motion["encoder_fault"],
+                "camera_fault": int(errors != 0),
+                "rows_lost": int(len(self.rows) > MAX_ROWS),
+            }
+        )
+        header = {
+            **{name: value for name, value in self.image.items() if name not in ("laser_on", "speed_in_band")},
+            **{name: self.motion[name] for name in ("edges", "edge_shift", "index_passes", "index_count")},
+            **{f"first_{name}": value for name, value in self.motion["first"].items()},
+            **{f"last_{name}": value for name, value in self.motion["last"].items()},
+            "frame": number,
+            "flags": int.from_bytes(flags, "little"),
+            "camera_errors": errors,
+            "rows": len(sent),
+            "first_row": 0,
+            "columns": self.vision["columns"],
+            "dropped": dropped,
+            "encoder_errors": encoder["illegal"] | encoder["turns"] << 16,
+            "damaged_commands": damaged,
+        }
+        edges = b"".join(EDGE.pack(edge) for edge in self.edges[: self.motion["edges"]])
+        if self.image["form"] == RowForm.FULL:
+            rows = b"".join(FULL_ROW.pack(row) for row in sent)
+        else:
+            rows = b"".join(COMPACT_ROW.pack(FrameAssembler.reference(row)) for row in sent)
+        return FRAME.pack(header) + edges + rows
+
+
+def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, damaged=7, delays=(20, 6)):
+    """Send ``images`` through.
+
+    Gives the payloads that came out, what they had to be according to the images that were accepted, and the
+    counters of images and of dropped ones. Stops after the last image when nothing came for ``after`` clocks. Results
+    come ``delays[0]`` clocks late, the motion ``delays[1]``.
+    """
+    dut = Chain()
+    payloads, expected = [], []
+    counters = []
+    events = defaultdict(list)  # by clock: what is set in that clock only, in order
+    ends = {}  # clock of frame_end: the image's number
+    at = 1
+    for number, image in enumerate(images):
+        events[at].append((dut.frame_first, 1))
+        end = at + max(len(image.rows) * row_clocks + 2, SHORTEST - gap)
+        for row, record in enumerate(image.rows):
+            when = at + (row + 1) * row_clocks + delays[0]
+            events[when] += [(dut.rows.row.valid, 1), (dut.rows.row.payload, {"row": row, "record": record})]
+        events[end] += [(dut.frame_end, 1), (dut.image, image.image)]
+        ends[end] = number
+        events[end + delays[0] + 16] += [(dut.rows.frame_end, 1), (dut.vision, image.vision)]
+        at = end + gap
+
+    async def drive(ctx):
+        ctx.set(dut.damaged_commands, damaged)
+        log, index, current, quiet = None, 0, bytearray(), 0
+        clock = 0
+        while clock < at or quiet < after:
+            for strobe in (dut.frame_first, dut.rows.row.valid, dut.frame_end, dut.rows.frame_end, dut.taken):
+                ctx.set(strobe, 0)
+            # Outside the moments at which they are sampled the facts are something else.
+            for facts in (dut.image, dut.vision, dut.motion):
+                ctx.set(facts, facts.shape().from_bits(clock & 0x3F))
+            ctx.set(dut.edge, log[index] if log else {})
+            for target, value in events.pop(clock, ()):
+                if target is dut.motion:
+                    image, number = value
+                    ctx.set(dut.motion, image.motion)
+                    log = image.edges
+                    expected.append(image.payload(number, ctx.get(dut.dropped), damaged))
+                else:
+                    ctx.set(target, value)
+            if ctx.get(dut.take):
+                image = images[ends[clock]]
+                events[clock + delays[1]] += [(dut.taken, 1), (dut.motion, (image, ends[clock]))]
+            index = ctx.get(dut.edge_index)
+            ctx.set(dut.o.ready, ready(clock))
+            _, _, taken, valid, item = await ctx.tick().sample(dut.o.ready, dut.o.valid, dut.o.payload)
+            quiet = 0 if clock < at or (taken and valid) else quiet + 1
+            if taken and valid:
+                current.append(item.data)
+                if item.last:
+                    payloads.append(bytes(current))
+                    current.clear()
+            clock += 1
+        assert not current, "a frame without end"
+        counters.extend([ctx.get(dut.frames), ctx.get(dut.dropped)])
+
+    simulate(dut, drive, clocks=2 * (at + after) + 1_000_000)
+    return payloads, expected, *counters
+
+
+@pytest.mark.parametrize("form", RowForm)
+@pytest.mark.parametrize("rows", [0, 1, 2, MAX_ROWS - 1, MAX_ROWS, MAX_ROWS + 1, MAX_ROWS + 9])
+def test_one_frame_of_each_size(form, rows):
+    image = Image(random.Random(rows), rows, form)
+    payloads, expected, frames, dropped = play([image])
+    assert (frames, dropped) == (1, 0)
+    assert payloads == expected == [image.payload(0, 0, 7)]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_frames_follow_each_other_without_loss_when_they_are_taken(seed):
+    print("seed", seed)
+    rng = random.Random(seed)
+    images = [Image(rng, rng.randrange(1, MAX_ROWS + 3), RowForm.COMPACT) for _ in range(12)]
+    payloads, expected, frames, dropped = play(images, row_clocks=48, gap=700)
+    assert (frames, dropped) == (12, 0)
+    assert payloads == expected
+    assert len(payloads) == 12
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_frames_are_dropped_whole_when_the_link_is_slow(seed):
+    print("seed", seed)
+    rng = random.Random(100 + seed)
+    images = [Image(rng, rng.choice([1, 2, rng.randrange(1, MAX_ROWS + 3)])) for _ in range(40)]
+    share = [0.05, 0.3, 0.7, 1.0][seed]
+    ready = random.Random(seed)
+    payloads, expected, frames, dropped = play(
+        images,
+        ready=lambda clock: ready.random() < share,
+        row_clocks=32,
+        gap=[1, 64][seed % 2],
+        after=3000,
+        delays=[(0, 1), (60, 1), (0, 260), (60, 260)][seed],
+    )
+    assert payloads == expected
+    assert frames == 40
+    assert len(payloads) + dropped == 40
+    assert dropped > 0
+
+
+def test_a_link_that_stands_still_costs_whole_frames_and_then_goes_on():
+    rng = random.Random(9)
+    images = [Image(rng, 4, RowForm.COMPACT) for _ in range(30)]
+    payloads, expected, frames, dropped = play(
+        images, ready=lambda clock: not 1500 < clock < 6000, row_clocks=48, gap=200, after=600
+    )
+    assert payloads == expected
+    numbers = [FRAME.unpack(payload[: FRAME.size])["frame"] for payload in payloads]
+    lost = sorted(set(range(30)) - set(numbers))
+    assert lost == list(range(lost[0], lost[-1] + 1)), "one stretch is missing"
+    assert (frames, dropped) == (30, len(lost))
+    assert len(lost) > 5
+    assert numbers[-1] == 29
+
+
+def test_a_size_that_is_no_power_of_two_is_refused():
+    for rows in (0, 1, 48):
+        with pytest.raises(ValueError, match=f"max_rows is {rows}"):
+            FrameBuffer(rows)
