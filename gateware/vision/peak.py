@@ -56,19 +56,19 @@ class Peak(wiring.Component):
 
     @property
     def latency(self) -> int:
-        """Clocks from ``end`` to the record: take, divide, straighten, write."""
-        return 1 + SerialDivider(1, self.quotient_bits).latency + 2
+        """Clocks from ``end`` to the record: divide, straighten, write."""
+        return SerialDivider(1, self.quotient_bits).latency + 2
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.position = position = SerialDivider(16, self.quotient_bits)
         m.submodules.ratio = ratio = SerialDivider(20, 9)
 
-        waiting, started = Signal(), Signal()
+        waiting = Signal()
         # Free again in time for the next row's take to find the record written.
         busy = Signal()
         m.d.comb += self.taken.eq((self.end | waiting) & ~busy)
-        m.d.sync += [waiting.eq((self.end | waiting) & busy), started.eq(self.taken)]
+        m.d.sync += waiting.eq((self.end | waiting) & busy)
         with m.If(self.taken):
             m.d.sync += busy.eq(1)
         with m.Elif(self.o.valid):
@@ -83,14 +83,15 @@ class Peak(wiring.Component):
 
         # Divide. A crossing's rise is less than its chord, a mean column less than max_columns: both quotients fit.
         numerator = Signal(gated.columns.shape())
+        taken = self.chosen.run.crossing
         m.d.comb += [
-            numerator.eq(Mux(binary, gated.columns, crossing.rise)),
+            numerator.eq(Mux(binary, self.gated.columns, taken.rise)),
             position.dividend.eq(numerator << FRACTION_BITS),
-            position.divisor.eq(Mux(binary, gated.total, crossing.chord)),
-            position.start.eq(started),
-            ratio.dividend.eq(Mux(chosen.second_found, chosen.second_sum, 0) << 8),
-            ratio.divisor.eq(run.sum),
-            ratio.start.eq(started),
+            position.divisor.eq(Mux(binary, self.gated.total, taken.chord)),
+            position.start.eq(self.taken),
+            ratio.dividend.eq(self.chosen.second_sum << 8),
+            ratio.divisor.eq(self.chosen.run.sum),
+            ratio.start.eq(self.taken),
         ]
 
         # Straighten: half columns and a share in 1/512 px.
@@ -137,10 +138,10 @@ class Peak(wiring.Component):
             span.eq(gated.last - gated.first + 1),
             enough.eq((gated.total >= self.settings.run_gated) & gated.total.any()),
         ]
-        stray, spread = Signal(), Signal()
+        stray, doubtful = Signal(), Signal()
         m.d.sync += [
             stray.eq(chosen.found & (gated.total > (run.gated << 1))),
-            spread.eq(binary & (span > self.settings.run_width_max)),
+            doubtful.eq(Mux(binary, span > self.settings.run_width_max, run.crossed & run.plain)),
         ]
         rival = Signal()
         m.d.sync += rival.eq(chosen.second_found & (ratio_limited(ratio.quotient) >= self.settings.ambiguous_ratio))
@@ -156,7 +157,7 @@ class Peak(wiring.Component):
                 record.valid.eq(1),
                 record.position.eq(fine >> 1),
                 record.cut.eq(touches.any() | (~binary & (over.any() | uncrossed))),
-                record.ambiguous.eq(stray | spread | rival),
+                record.ambiguous.eq(stray | doubtful | rival),
                 record.width.eq(Mux(chosen.found, run.width, span)),
                 record.gated.eq(Mux(chosen.found, run.gated, gated.total)),
             ]

@@ -28,7 +28,11 @@ class Crossing(data.Struct):
 
 
 class Run(data.Struct):
-    """A run of lit pixels: see :class:`magtrak.reference.Runs`. ``crossed``: ``crossing`` holds one."""
+    """A run of lit pixels: see :class:`magtrak.reference.Runs`.
+
+    ``crossed``: ``crossing`` holds one. ``coloured``: gated pixels lie near it. ``plain``: none lie near the one of
+    the greatest intensity. See :func:`magtrak.reference.measure`.
+    """
 
     first: 12
     last: 12
@@ -38,19 +42,21 @@ class Run(data.Struct):
     gated: 12
     clipped: 12
     crossed: 1
+    coloured: 1
+    plain: 1
     crossing: Crossing
 
 
 class Runs(wiring.Component):
     """Finds the runs of a row as :func:`magtrak.reference.find_runs` does, and the crossing of each.
 
-    Takes a column a clock. A run is out :attr:`latency` clocks after the column that ends it: the one after the gap
-    that may be bridged, or the row's last. Runs of a row are at least two columns apart. Nothing overflows: 2048
-    columns of weight 255 sum up to less than 2**19.
+    Takes a column a clock. A run is out at most :attr:`latency` clocks after the column that ends it: the one after the
+    gap that may be bridged, or the row's last. Runs are out at least two clocks apart. Nothing overflows: 2048 columns
+    of weight 255 sum up to less than 2**19.
 
     Members
     -------
-    settings : ``run_bridge`` is used
+    settings : ``run_bridge`` and ``run_gated`` are used
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
     falls, distance, rise, fall, intensity : crossing at that column, from :class:`~gateware.vision.fir.Fir`
     o : stream of :class:`Run`, always ready; whether the run counts is not decided here
@@ -67,8 +73,9 @@ class Runs(wiring.Component):
 
     reference = staticmethod(find_runs)
 
-    latency = 3
-    """Clocks from the column that ends a run to the run: decide, add up, hold."""
+    latency = 4
+    """Clocks from the row's last column to its last run: decide, add up, hold, and one more if that column is lit: a
+    run may have ended with the column before, and runs stay two clocks apart."""
 
     def elaborate(self, platform):
         m = Module()
@@ -82,20 +89,27 @@ class Runs(wiring.Component):
             within.eq(was_open | i.lit),
             closes.eq(within & (i.row_last | (~i.lit & (gap == self.settings.run_bridge)))),
         ]
+        # At most 31 pixels lie within reach of a column: the low bits of the difference tell all.
+        near, coloured = Signal(5), Signal(reset_less=True)
+        m.d.comb += near.eq(i.ahead[:5] - i.behind[:5])
         best_intensity = Signal(self.intensity.shape(), reset_less=True)
-        starts, extends, closed, crosses, higher = Signal(), Signal(), Signal(), Signal(), Signal()
+        top_intensity = Signal(self.intensity.shape(), reset_less=True)
+        higher, highest = Signal(reset_less=True), Signal(reset_less=True)
+        starts, extends, closed, crosses = Signal(), Signal(), Signal(), Signal()
         at, weight, saturated = Signal(12, reset_less=True), Signal(8, reset_less=True), Signal(reset_less=True)
         ahead, behind = Signal(12, reset_less=True), Signal(12, reset_less=True)
         crossing = Signal(Crossing, reset_less=True)
         intensity = Signal(self.intensity.shape(), reset_less=True)
-        m.d.sync += [starts.eq(0), extends.eq(0), closed.eq(0), crosses.eq(0)]
+        closed_lit = Signal()
+        m.d.sync += [starts.eq(0), extends.eq(0), closed.eq(0), closed_lit.eq(0), crosses.eq(0)]
         with m.If(valid):
             m.d.sync += [
                 is_open.eq(within & ~closes),
                 gap.eq(Mux(i.lit, 0, gap + 1)),
                 starts.eq(i.lit & ~was_open),
                 extends.eq(i.lit & was_open),
-                closed.eq(closes),
+                closed.eq(closes & ~i.lit),
+                closed_lit.eq(closes & i.lit),
                 crosses.eq(within & self.falls),
             ]
         m.d.sync += [
@@ -112,6 +126,8 @@ class Runs(wiring.Component):
             intensity.eq(self.intensity),
             # Crossings are at least two columns apart, so the one before has been taken by now.
             higher.eq(self.intensity > best_intensity),
+            highest.eq(self.intensity > top_intensity),
+            coloured.eq(near >= self.settings.run_gated),
         ]
 
         # 2: add up
@@ -140,10 +156,13 @@ class Runs(wiring.Component):
                 ]
             with m.If(crosses):
                 m.d.sync += run.crossed.eq(1)
-        with m.If(crosses & (starts | ~run.crossed | higher)):
-            m.d.sync += [run.crossing.eq(crossing), best_intensity.eq(intensity)]
-        ended = Signal()
-        m.d.sync += ended.eq(closed)
+        first_one = starts | ~run.crossed
+        with m.If(crosses & (first_one | (coloured & ~run.coloured) | ((coloured == run.coloured) & higher))):
+            m.d.sync += [run.crossing.eq(crossing), run.coloured.eq(coloured), best_intensity.eq(intensity)]
+        with m.If(crosses & (first_one | highest)):
+            m.d.sync += [run.plain.eq(~coloured), top_intensity.eq(intensity)]
+        ended, waited = Signal(), Signal()
+        m.d.sync += [waited.eq(closed_lit), ended.eq(closed | waited)]
 
         # 3: hold, while the next run adds up
         m.d.sync += self.o.valid.eq(ended)

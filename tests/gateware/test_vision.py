@@ -60,7 +60,7 @@ def test_random(gap):
     print("seed", SEED)
     rng = np.random.default_rng(SEED)
     frames = []
-    for _ in range(12):
+    for _ in range(60):
         rows, columns = int(rng.integers(1, 8)), int(rng.integers(32, 65))
         frames.append((random_image(rng, rows, columns), random_settings(rng, columns, rows), random_luts(rng)))
     check(frames, gap=gap)

@@ -9,7 +9,7 @@ from ..protocol import FULL_ROW, Detector
 from . import fir
 from .gate import gate
 from .hls import U8
-from .runs import Runs, find_runs
+from .runs import Runs, find_runs, gated_within
 from .weight import mix, saturated, weight
 
 ROW_DTYPE = np.dtype([(field.name, np.int64) for field in FULL_ROW.fields if not field.reserved])
@@ -34,9 +34,13 @@ def measure(image: U8, settings: Mapping[str, int], luts: NDArray[np.bool_]) -> 
     Outside the region of interest nothing is gated or lit; the filter sees the whole row all the same.
 
     The strongest run of those that count is the row's: the one of the greatest sum, the first on ties.
-    The runner-up is the next by the same rule. ``fir`` takes the zero crossing of the greatest smoothed intensity (the
-    first on ties) that is found from the run's first column to its ``close``. A run without one gives its middle,
-    and is flagged ``cut``.
+    The runner-up is the next by the same rule.
+
+    ``fir`` takes the zero crossing of the greatest smoothed intensity (the first on ties) of those that are found from
+    the run's first column to its ``close`` and are coloured: at least ``run_gated`` gated pixels lie within
+    ``run_reach`` columns of where it is found. A bright wall behind the line makes one wide run with many peaks; colour
+    tells the line's. A run without a coloured crossing gives the greatest of all, one without any crossing
+    its middle, flagged ``cut``.
 
     ``binary`` is the paper's way: the mean column of all gated pixels of the row, runs or not. Valid with at least
     ``run_gated`` gated pixels, and one. The other fields tell of the strongest run; where no run counts, ``width``
@@ -46,7 +50,8 @@ def measure(image: U8, settings: Mapping[str, int], luts: NDArray[np.bool_]) -> 
     filter at the crossing reaches over the border of the image.
 
     ``ambiguous``: the runner-up has at least ``ambiguous_ratio`` / 256 of the sum; or more gated pixels lie
-    outside the run's reach than within; or (``binary``) they spread wider than ``run_width_max``.
+    outside the run's reach than within; or (``fir``) the crossing of the greatest intensity is not coloured; or
+    (``binary``) the gated pixels spread wider than ``run_width_max``.
     """
     rows, columns = image.shape[:2]
     mixed = mix(image, settings)
@@ -72,7 +77,12 @@ def measure(image: U8, settings: Mapping[str, int], luts: NDArray[np.bool_]) -> 
         out["gated"] = np.where(found, out["gated"], total)
     else:
         out["valid"] = found
-        out["position"], out["cut"] = _crossing(runs, best, fir.crossings(mixed), columns, settings)
+        crossings = fir.crossings(mixed)
+        coloured = (
+            gated_within(gated, crossings.row, crossings.after, crossings.after, settings) >= settings["run_gated"]
+        )
+        out["position"], out["cut"], plain = _crossing(runs, best, crossings, coloured, columns, settings)
+        out["ambiguous"] |= plain
     out["ambiguous"] |= total > 2 * out["gated"]
     out["ambiguous"] |= (out["second_valid"] != 0) & (out["runner_up"] >= settings["ambiguous_ratio"])
     out["saturated"] = out["clipped"] > 0
@@ -133,11 +143,17 @@ def _touches(
 
 
 def _crossing(
-    runs: Runs, best: NDArray[np.int64], found: fir.Crossings, columns: int, settings: Mapping[str, int]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Position and ``cut`` of each row's best run."""
+    runs: Runs,
+    best: NDArray[np.int64],
+    found: fir.Crossings,
+    coloured: NDArray[np.bool_],
+    columns: int,
+    settings: Mapping[str, int],
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Position and ``cut`` of each row's best run, and whether its greatest crossing lacks colour."""
     position = np.zeros(best.size, np.int64)
     cut = np.zeros(best.size, np.bool_)
+    plain = np.zeros(best.size, np.bool_)
     row = np.flatnonzero(best >= 0)
     run = best[row]
     position[row] = (runs.first[run] + runs.last[run]) << 7
@@ -149,9 +165,12 @@ def _crossing(
         if runs.row.size
         else np.zeros(0, np.intp)
     )
-    mine = mine[np.lexsort((mine, -found.intensity[mine], found.row[mine]))]
-    row, at = np.unique(found.row[mine], return_index=True)
-    mine = mine[at]
+    order = np.lexsort((mine, -found.intensity[mine], found.row[mine]))
+    row, at = np.unique(found.row[mine[order]], return_index=True)
+    plain[row] = ~coloured[mine[order[at]]]
+    order = np.lexsort((mine, -found.intensity[mine], ~coloured[mine], found.row[mine]))
+    row, at = np.unique(found.row[mine[order]], return_index=True)
+    mine = mine[order[at]]
     position[row] = fir.position(found)[mine]
     run = best[row]
     cut[row] = (
@@ -159,4 +178,4 @@ def _crossing(
         | (found.before[mine] < fir.REACH)
         | (found.after[mine] + fir.REACH > columns - 1)
     )
-    return position, cut
+    return position, cut, plain

@@ -40,6 +40,23 @@ class Runs:
         return self.last - self.first + 1
 
 
+def gated_within(
+    gate: NDArray[np.bool_],
+    row: NDArray[np.intp],
+    first: NDArray[np.intp],
+    last: NDArray[np.intp],
+    settings: Mapping[str, int],
+) -> Ints:
+    """Gated pixels of each ``row`` from ``run_reach`` columns before ``first`` to as many after ``last``."""
+    columns = gate.shape[1]
+    before = np.zeros((gate.shape[0], columns + 1), np.int64)
+    np.cumsum(gate, axis=1, out=before[:, 1:])
+    low = np.maximum(first - settings["run_reach"], 0)
+    high = np.minimum(last + settings["run_reach"], columns - 1)
+    amount: Ints = before[row, high + 1] - before[row, low]
+    return amount
+
+
 def find_runs(
     weight: NDArray[np.int32], gate: NDArray[np.bool_], saturated: NDArray[np.bool_], settings: Mapping[str, int]
 ) -> Runs:
@@ -60,11 +77,7 @@ def find_runs(
     lit = weight[row, column].astype(np.int64)
     first, last, row_of = column[starts], column[ends], row[starts]
 
-    before = np.zeros((weight.shape[0], columns + 1), np.int64)
-    np.cumsum(gate, axis=1, out=before[:, 1:])
-    low = np.maximum(first - settings["run_reach"], 0)
-    high = np.minimum(last + settings["run_reach"], columns - 1)
-    gated = before[row_of, high + 1] - before[row_of, low]
+    gated = gated_within(gate, row_of, first, last, settings)
     width = last - first + 1
     return Runs(
         row=row_of,

@@ -1,0 +1,123 @@
+"""Dividers and the multiplier against Python's own."""
+
+import random
+
+import pytest
+
+from gateware.arithmetic import Multiply, PipelinedDivider, SerialDivider
+from tests.support.simulation import simulate
+
+SEED = 1234
+
+
+def stream_through(dut, inputs: list[dict[str, int]], output: str) -> list[int]:
+    """One item a clock; the outputs ``dut.latency`` clocks later."""
+    results = []
+
+    async def testbench(ctx):
+        for item in inputs + [inputs[-1]] * dut.latency:
+            for name, value in item.items():
+                ctx.set(getattr(dut, name), value)
+            _, _, result = await ctx.tick().sample(getattr(dut, output))
+            results.append(result)
+
+    simulate(dut, testbench, clocks=len(inputs) + dut.latency + 10)
+    return results[dut.latency :]
+
+
+def test_multiply_exhaustive():
+    items = [{"a": a, "b": b} for a in range(16) for b in range(-32, 32)]
+    assert stream_through(Multiply(4, 6), items, "product") == [item["a"] * item["b"] for item in items]
+
+
+def test_multiply_pixel():
+    rng = random.Random(SEED)
+    print("seed", SEED)
+    items = [{"a": a, "b": b} for a in (0, 1, 254, 255) for b in (-512, -511, -1, 0, 1, 256, 511)]
+    items += [{"a": rng.randrange(256), "b": rng.randrange(-512, 512)} for _ in range(1000)]
+    assert stream_through(Multiply(8, 10), items, "product") == [item["a"] * item["b"] for item in items]
+
+
+def test_pipelined_divider_exhaustive():
+    dut = PipelinedDivider(4, 5)
+    items = [{"dividend": n, "divisor": d} for d in range(1, 16) for n in range(d << 5)]
+    assert stream_through(dut, items, "quotient") == [item["dividend"] // item["divisor"] for item in items]
+
+
+@pytest.mark.parametrize("bits", [(11, 7), (9, 8), (1, 1)])
+def test_pipelined_divider_random(bits):
+    rng = random.Random(SEED)
+    print("seed", SEED)
+    divisor_bits, quotient_bits = bits
+    items = []
+    for _ in range(1000):
+        divisor = rng.choice([1, (1 << divisor_bits) - 1, rng.randrange(1, 1 << divisor_bits)])
+        top = divisor << quotient_bits
+        items.append({"dividend": rng.choice([0, top - 1, rng.randrange(top)]), "divisor": divisor})
+    results = stream_through(PipelinedDivider(*bits), items, "quotient")
+    assert results == [item["dividend"] // item["divisor"] for item in items]
+
+
+@pytest.mark.parametrize("bits", [(4, 5), (16, 20), (20, 9), (3, 1)])
+def test_serial_divider(bits):
+    rng = random.Random(SEED)
+    print("seed", SEED)
+    divisor_bits, quotient_bits = bits
+    dut = SerialDivider(*bits)
+
+    async def testbench(ctx):
+        for _ in range(60):
+            divisor = rng.choice([1, (1 << divisor_bits) - 1, rng.randrange(1, 1 << divisor_bits)])
+            top = divisor << quotient_bits
+            dividend = rng.choice([0, top - 1, rng.randrange(top)])
+            ctx.set(dut.dividend, dividend)
+            ctx.set(dut.divisor, divisor)
+            ctx.set(dut.start, 1)
+            assert not ctx.get(dut.busy)
+            await ctx.tick()
+            ctx.set(dut.start, 0)
+            ctx.set(dut.dividend, 0)
+            ctx.set(dut.divisor, 0)
+            for _ in range(dut.latency - 1):
+                assert ctx.get(dut.busy) and not ctx.get(dut.done)
+                await ctx.tick()
+            assert ctx.get(dut.done) and not ctx.get(dut.busy)
+            for _ in range(3):
+                assert ctx.get(dut.quotient) == dividend // divisor
+                await ctx.tick()
+                assert not ctx.get(dut.done)
+
+    simulate(dut, testbench)
+
+
+def test_serial_divider_starts_anew():
+    dut = SerialDivider(8, 8)
+
+    async def testbench(ctx):
+        for dividend, divisor, clocks in ((1000, 7, 4), (2000, 9, dut.latency)):
+            ctx.set(dut.dividend, dividend)
+            ctx.set(dut.divisor, divisor)
+            ctx.set(dut.start, 1)
+            await ctx.tick()
+            ctx.set(dut.start, 0)
+            for _ in range(clocks - 1):
+                assert not ctx.get(dut.done)
+                await ctx.tick()
+        assert ctx.get(dut.done) and ctx.get(dut.quotient) == 2000 // 9
+
+    simulate(dut, testbench)
+
+
+@pytest.mark.parametrize("component", [PipelinedDivider, SerialDivider])
+def test_divider_widths(component):
+    with pytest.raises(ValueError, match="0"):
+        component(0, 8)
+    with pytest.raises(ValueError, match="0"):
+        component(8, 0)
+
+
+def test_multiply_widths():
+    with pytest.raises(ValueError, match="unsigned_bits is 0"):
+        Multiply(0, 8)
+    with pytest.raises(ValueError, match="signed_bits is 1"):
+        Multiply(8, 1)
