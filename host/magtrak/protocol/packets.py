@@ -138,7 +138,7 @@ _ROW_FLAGS = (
     Field("valid", 1, "a line was found; without it every other field but overflow is 0"),
     Field("ambiguous", 1, "a second run is nearly as strong, or the colour lies elsewhere than the peak"),
     Field("saturated", 1, "a pixel of the run is at full scale in one channel"),
-    Field("cut", 1, "the run, or the filter on it, touches a border of the image or region, or the filter found no peak"),
+    Field("cut", 1, "the run, or the filter on it, touches a border of image or region, or the filter found no peak"),
     Field("overflow", 1, "the row broke the camera's contract and may be incomplete"),
 )
 
