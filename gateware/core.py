@@ -1,10 +1,18 @@
 """The whole card without clocks, pins and link."""
 
 from amaranth.hdl import Module
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
 
+from .frame.admission import Admission
+from .frame.assembler import FrameAssembler
+from .frame.buffer import FrameBuffer
+from .frame.facts import MotionFacts
 from .layouts import Bytes, Video
+from .link.link import Link
+from .motion.motion import Motion
+from .registers import RegisterFile
+from .vision.vision import Vision
 
 
 class Core(wiring.Component):
@@ -54,5 +62,77 @@ class Core(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.d.sync += self.run.eq(0)
+        m.submodules.admission = admission = Admission()
+        m.submodules.vision = vision = Vision(self.max_columns, self.max_rows)
+        m.submodules.motion = motion = Motion()
+        m.submodules.buffer = buffer = FrameBuffer(self.max_rows)
+        m.submodules.assembler = assembler = FrameAssembler(self.max_rows)
+        m.submodules.registers = registers = RegisterFile(self.max_columns, self.max_rows)
+        m.submodules.link = link = Link()
+
+        # Pixels to packets.
+        connect(m, flipped(self.video), admission.i)
+        connect(m, admission.video, vision.video)
+        connect(m, vision.rows, buffer.rows)
+        connect(m, buffer.reader, assembler.i)
+        connect(m, assembler.o, link.frame)
+        connect(m, link.tx, flipped(self.tx))
+
+        # Commands to settings, and their answers.
+        connect(m, flipped(self.rx), link.rx)
+        connect(m, link.command, registers.command)
+        connect(m, registers.answer, link.answer)
+        connect(m, registers.lut, vision.lut)
+        m.d.comb += [
+            self.run.eq(registers.now.run),
+            admission.run.eq(registers.now.run),
+            registers.frame_start.eq(admission.frame_first),
+            vision.settings.eq(registers.frame),
+            motion.settings.eq(registers.now),
+            motion.arm.eq(registers.arm),
+            motion.arm_key.eq(registers.arm_key),
+            motion.renew.eq(link.intact),
+        ]
+
+        # Encoder, motor and laser.
+        for name in ("encoder_a", "encoder_b", "index", "interlock", "clock_hz"):
+            m.d.comb += getattr(motion, name).eq(getattr(self, name))
+        for name in ("pwm", "direction", "brake", "laser", "lamp"):
+            m.d.comb += getattr(self, name).eq(getattr(motion, name))
+
+        # Images are stamped with the angle.
+        m.d.comb += [
+            motion.frame_first.eq(admission.frame_first),
+            motion.row_first.eq(admission.row_first),
+            motion.take.eq(buffer.take),
+            motion.edge_index.eq(buffer.edge_index),
+            buffer.frame_first.eq(admission.frame_first),
+            buffer.frame_end.eq(admission.frame_end),
+            buffer.refused.eq(admission.refused),
+            buffer.taken.eq(motion.taken),
+            buffer.edge.eq(motion.edge),
+            buffer.vision.errors.eq(vision.errors),
+            buffer.vision.columns.eq(vision.image_columns),
+            buffer.damaged_commands.eq(link.damaged),
+            buffer.image.generation.eq(registers.generation),
+            buffer.image.form.eq(registers.now.form),
+            buffer.image.laser_on.eq(motion.laser_on_whole_frame),
+        ]
+        for name in ("detector", "exposure_us", "time_offset_ns"):
+            m.d.comb += buffer.image[name].eq(registers.frame[name])
+        for name, _ in data.Layout.cast(MotionFacts):
+            m.d.comb += buffer.motion[name].eq(getattr(motion, name))
+
+        # What the registers show.
+        status = registers.status
+        m.d.comb += [
+            status.clock_hz.eq(self.clock_hz),
+            status.frames.eq(buffer.frames),
+            status.dropped.eq(buffer.dropped),
+            status.damaged_commands.eq(link.damaged),
+            status.camera_errors.eq(vision.errors_ever),
+        ]
+        for name in ("count", "index_count", "index_passes", "encoder_errors", "laser_state", "laser_cause"):
+            m.d.comb += status[name].eq(getattr(motion, name))
+
         return m

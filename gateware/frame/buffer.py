@@ -29,6 +29,7 @@ class FrameBuffer(wiring.Component):
     Members
     -------
     frame_first : strobe: the first pixel of an image
+    refused : strobe: an image that came was not let in; counted as seen and dropped
     frame_end : strobe: the image is over; after its last pixel and before the next ``frame_first``
     image : sampled at ``frame_end``
     rows, vision : results of the images, in order; ``vision`` as of ``rows.frame_end``
@@ -48,6 +49,7 @@ class FrameBuffer(wiring.Component):
         super().__init__(
             {
                 "frame_first": In(1),
+                "refused": In(1),
                 "frame_end": In(1),
                 "image": In(ImageFacts),
                 "rows": In(Rows()),
@@ -113,11 +115,13 @@ class FrameBuffer(wiring.Component):
         with m.If(reader.done):
             m.d.sync += sending.eq(~sending)
         with m.If(self.frame_first):
-            m.d.sync += [number.eq(self.frames), self.frames.eq(self.frames + 1), accepted.eq(accepts)]
+            m.d.sync += [number.eq(self.frames), accepted.eq(accepts)]
             with m.If(accepts):
                 m.d.sync += claiming.eq(~claiming)
-            with m.Else():
-                m.d.sync += self.dropped.eq(self.dropped + 1)
+        with m.If(self.frame_first | self.refused):
+            m.d.sync += self.frames.eq(self.frames + 1)
+        with m.If((self.frame_first & ~accepts) | self.refused):
+            m.d.sync += self.dropped.eq(self.dropped + 1)
         for bank in range(2):
             with m.If(self.frame_first & accepts & (claiming == bank)):
                 m.d.sync += busy[bank].eq(1)

@@ -1,0 +1,68 @@
+"""Both ends of the byte stream: commands in, packets out."""
+
+from amaranth.hdl import Module
+from amaranth.lib import stream, wiring
+from amaranth.lib.fifo import SyncFIFOBuffered
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from magtrak.protocol import PacketType
+
+from ..layouts import Bytes, Packets
+from .cobs import CobsDecoder, CobsEncoder
+from .packet import Answer, AnswerSender, Command, PacketReceiver, PacketSender
+
+ANSWERS = 64
+"""Answers that may wait for a frame to be sent: a host may write all settings and tables at once."""
+
+
+class Link(wiring.Component):
+    """Commands out of bytes; frames and answers into bytes.
+
+    Answers go before frames, and wait for the end of the frame that is being sent. When :data:`ANSWERS`
+    of them wait, commands wait too, and then bytes.
+
+    Members
+    -------
+    rx, tx : bytes from and to the host
+    command : intact commands
+    answer : their answers
+    frame : payloads of frames
+    intact, damaged : as in :class:`~gateware.link.packet.PacketReceiver`
+    """
+
+    rx: In(Bytes)
+    tx: Out(Bytes)
+    command: Out(stream.Signature(Command))
+    answer: In(stream.Signature(Answer))
+    frame: In(Packets)
+    intact: Out(1)
+    damaged: Out(16)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.decoder = decoder = CobsDecoder()
+        m.submodules.receiver = receiver = PacketReceiver()
+        m.submodules.answers = answers = SyncFIFOBuffered(width=Answer.size, depth=ANSWERS)
+        m.submodules.answer_sender = answer_sender = AnswerSender()
+        m.submodules.sender = sender = PacketSender([PacketType.ANSWER, PacketType.FRAME])
+        m.submodules.encoder = encoder = CobsEncoder()
+
+        connect(m, flipped(self.rx), decoder.i)
+        connect(m, decoder.o, receiver.i)
+        connect(m, receiver.command, flipped(self.command))
+        connect(m, answer_sender.o, sender.i[0])
+        connect(m, flipped(self.frame), sender.i[1])
+        connect(m, sender.o, encoder.i)
+        connect(m, encoder.o, flipped(self.tx))
+        m.d.comb += [
+            receiver.error.eq(decoder.error),
+            self.intact.eq(receiver.intact),
+            self.damaged.eq(receiver.damaged),
+            answers.w_data.eq(self.answer.payload),
+            answers.w_en.eq(self.answer.valid),
+            self.answer.ready.eq(answers.w_rdy),
+            answer_sender.i.payload.eq(answers.r_data),
+            answer_sender.i.valid.eq(answers.r_rdy),
+            answers.r_en.eq(answer_sender.i.ready),
+        ]
+        return m
