@@ -21,7 +21,7 @@ def pack_table(entries: Iterable[int]) -> Sequence[int]:
 def hue_table(first_deg: float, last_deg: float) -> Sequence[int]:
     """Hues from the first to the last, through 360 degrees where the first is greater; 0 to 360 is every hue."""
     first, last = round(first_deg * 256 / 360), round(last_deg * 256 / 360)
-    if last < first:
+    if last_deg < first_deg:
         last += 256
     return pack_table(entry % 256 for entry in range(first, last + 1))
 

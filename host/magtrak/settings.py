@@ -17,7 +17,7 @@ class Gate:
     """
 
     hue: tuple[float, float] = (90.0, 160.0)
-    luminance: tuple[float, float] = (0.08, 1.0)
+    luminance: tuple[float, float] = (0.1, 1.0)
     saturation: tuple[float, float] = (0.25, 1.0)
 
 
