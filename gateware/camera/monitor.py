@@ -32,10 +32,10 @@ class Monitor(wiring.Component):
     Whatever comes in, what goes out has this form, so that no other block has to think of the rest:
 
     - a row begins with ``row_first``, ends with ``row_last`` and has at most ``max_columns`` pixels;
-    - :data:`MIN_BLANKING` clocks lie between ``row_last`` and ``row_first``, :data:`MIN_ROW_PERIOD`
-      between ``row_first`` and ``row_first``;
+    - :data:`MIN_BLANKING` clocks lie between ``row_last`` and ``row_first``, and :data:`MIN_ROW_PERIOD`
+      between one ``row_last`` and the one after the next;
     - a frame has at most ``max_rows`` rows; the first has ``frame_first``, and ``frame_end`` comes with or
-      after the last.
+      after the last pixel, or at the latest with the first of the next frame.
 
     How it mends, each time setting the error and ``fault`` on the rows that suffer:
 
@@ -59,7 +59,7 @@ class Monitor(wiring.Component):
     -------
     video : from the camera
     pixel : stream of :class:`CheckedPixel`, always ready
-    frame_end : strobe, with or after the last pixel of the frame
+    frame_end : strobe, see above
     frame_gap : strobe, with the first pixel of a frame that came too early: settings may have changed while the
         frame before was still being measured
     errors : of the last frame that ended, from 1 clock after ``frame_end`` until the next
@@ -122,7 +122,16 @@ class Monitor(wiring.Component):
         black = Signal()  # a row has to be ended with a pixel that there is not
         full = Signal()  # the frame has all the rows that it may have
         flushing = self._within(m, MIN_BLANKING, out_last, "flush")
-        early = self._within(m, MIN_ROW_PERIOD, start, "early")
+        # A row that comes too early waits for the period of the one before, while its own has begun.
+        period_left, wait_left = Signal(range(MIN_ROW_PERIOD)), Signal(range(MIN_ROW_PERIOD))
+        early = Mux(i.row_first, period_left != 0, wait_left != 0)
+        with m.If(belongs & i.row_first):
+            m.d.sync += [period_left.eq(MIN_ROW_PERIOD - 1), wait_left.eq(Mux(period_left == 0, 0, period_left - 1))]
+        with m.Else():
+            with m.If(period_left != 0):
+                m.d.sync += period_left.eq(period_left - 1)
+            with m.If(wait_left != 0):
+                m.d.sync += wait_left.eq(wait_left - 1)
         m.d.comb += [
             full.eq(~begin & (row_count == self.max_rows)),
             start.eq(belongs & (i.row_first | late) & ~sending & ~flushing & ~early & ~full),
