@@ -156,46 +156,53 @@ class EdgeLog(wiring.Component):
         bank = Signal()
         # Within the horizon lie at most 2**horizon_bits edges, and shift is less than horizon_bits.
         used, shift = Signal.like(self.entries), Signal(range(max(self.horizon_bits, 4)))
-        skip = Signal(self.horizon_bits)  # edges to leave out before the next entry
+        # Edges to leave out before the next entry, less one: the sign tells that none is left. After an entry that is
+        # `span`, 2**shift - 2. But for shift 0 (-1) its bits are a thermometer's, which is soon made one longer.
+        count_down = signed(self.horizon_bits + 1)
+        skip, span, span_now = Signal(count_down, init=-1), Signal(count_down, init=-1), Signal(count_down)
         age = Signal(self.horizon_bits + 1)
         expired = Signal()
         begin = Signal()
         full = Signal()
-        used_now, shift_now, skip_now = Signal.like(used), Signal.like(shift), Signal.like(skip)
+        used_now, shift_now = Signal.like(used), Signal.like(shift)
         m.d.comb += [
             expired.eq(age[-1]),
             begin.eq(self.take | expired),
             full.eq(used == MAX_EDGES),
-            skip_now.eq(Mux(begin, 0, skip)),
         ]
         with m.If(begin):
-            m.d.comb += [used_now.eq(0), shift_now.eq(0)]
+            m.d.comb += [used_now.eq(0), shift_now.eq(0), span_now.eq(-1)]
         with m.Elif(full):
-            m.d.comb += [used_now.eq(MAX_EDGES // 2), shift_now.eq(shift + 1)]
+            m.d.comb += [
+                used_now.eq(MAX_EDGES // 2),
+                shift_now.eq(shift + 1),
+                span_now.eq(Mux(span[0], 0, Cat(0, 1, span[1:]))),
+            ]
         with m.Else():
-            m.d.comb += [used_now.eq(used), shift_now.eq(shift)]
+            m.d.comb += [used_now.eq(used), shift_now.eq(shift), span_now.eq(span)]
 
-        entry = Signal(slot_bits)
-        m.d.comb += [
-            entry.eq(used_now),
+        # The memory is written a clock later: before anything can be read after `take`.
+        entry, due = Signal(slot_bits), Signal()
+        m.d.comb += [entry.eq(used_now), due.eq(self.edge & (begin | (skip < 0)))]
+        m.d.sync += [
             write.addr.eq(Cat(slot(entry, shift_now), bank ^ self.take)),
             write.data.time.eq(self.time),
             write.data.count.eq(self.count),
             write.data.backward.eq(self.backward),
-            write.en.eq(self.edge & (skip_now == 0)),
+            write.en.eq(due),
         ]
         with m.If(begin):
-            m.d.sync += [used.eq(0), shift.eq(0), skip.eq(0)]
+            m.d.sync += [used.eq(0), shift.eq(0), span.eq(-1), skip.eq(-1)]
         with m.If(~expired & (used != 0)):
             m.d.sync += age.eq(age + 1)
         with m.If(begin):
             m.d.sync += age.eq(0)
-        with m.If(write.en):
-            m.d.sync += [used.eq(used_now + 1), shift.eq(shift_now), skip.eq((1 << shift_now) - 1)]
+        with m.If(due):
+            m.d.sync += [used.eq(used_now + 1), shift.eq(shift_now), span.eq(span_now), skip.eq(span_now)]
             with m.If(used_now == 0):
                 m.d.sync += age.eq(1)  # in the next clock
         with m.Elif(self.edge):
-            m.d.sync += skip.eq(skip_now - 1)
+            m.d.sync += skip.eq(skip - 1)
         with m.If(self.take):
             m.d.sync += [
                 bank.eq(~bank),

@@ -61,7 +61,7 @@ class GlitchFilter(wiring.Component):
 
 
 class Align(wiring.Component):
-    """Delays signals by as much as :class:`GlitchFilter` and the two clocks of a decoder behind it.
+    """Delays signals by as much as :class:`GlitchFilter` and the three clocks of a decoder behind it.
 
     Latency is ``max(length, 1) + FIXED`` clocks, see :meth:`latency`; throughput a word a clock. After reset
     the output is 0 until the first word arrives, so nothing from before the reset comes out of the memory.
@@ -79,7 +79,7 @@ class Align(wiring.Component):
     valid : ``o`` was taken after the reset
     """
 
-    FIXED = 2
+    FIXED = 3
 
     def __init__(self, width: int) -> None:
         if width < 1:
@@ -99,7 +99,8 @@ class Align(wiring.Component):
         write, read = memory.write_port(), memory.read_port()
         distance = Signal(LENGTH_BITS)
         filled = Signal(range(depth))
-        fresh = Signal()
+        fresh, taken = Signal(), Signal()
+        word = Signal(self.width)  # with nothing between, so that it can stand next to a slow block RAM
         m.d.comb += [
             distance.eq(Mux(self.length == 0, 1, self.length)),
             write.data.eq(self.i),
@@ -109,8 +110,10 @@ class Align(wiring.Component):
         m.d.sync += [
             write.addr.eq(write.addr + 1),
             fresh.eq(filled >= distance),
-            self.valid.eq(fresh),
-            self.o.eq(Mux(fresh, read.data, 0)),
+            taken.eq(fresh),
+            word.eq(read.data),
+            self.valid.eq(taken),
+            self.o.eq(Mux(taken, word, 0)),
         ]
         with m.If(filled != depth - 1):
             m.d.sync += filled.eq(filled + 1)

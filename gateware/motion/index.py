@@ -115,18 +115,21 @@ class Index(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
 
-        # Level before, and for how many clocks it had lasted.
+        # Whether the level has lasted as long as it must: known a clock ahead, for the case that it stays.
         last, clocks = Signal(), Signal(LENGTH_BITS, init=1)
         same, settled = Signal(), Signal()
+        at_once, by_staying = Signal(), Signal()
         m.d.comb += [
             same.eq(self.level == last),
-            settled.eq(Mux(same, clocks + 1 >= self.debounce, self.debounce <= 1)),
+            settled.eq(Mux(same, by_staying, at_once)),
         ]
-        m.d.sync += last.eq(self.level)
-        with m.If(~same):
-            m.d.sync += clocks.eq(1)
-        with m.Elif(~clocks.all()):
-            m.d.sync += clocks.eq(clocks + 1)
+        m.d.sync += [last.eq(self.level), at_once.eq(self.debounce <= 1)]
+        with m.If(same):
+            m.d.sync += by_staying.eq(clocks + 2 >= self.debounce)
+            with m.If(~clocks.all()):
+                m.d.sync += clocks.eq(clocks + 1)
+        with m.Else():
+            m.d.sync += [by_staying.eq(self.debounce <= 2), clocks.eq(1)]
 
         # The direction in which the barrier would be crossed now.
         known, crossed = Signal(), Signal()

@@ -29,6 +29,7 @@ class Arming:
     emitting: bool = False
     cause: LaserCause = LaserCause.NEVER_ARMED
     heard: bool = False
+    alive: bool = False
     silent_ms: int = 0
     waited_ms: int = 0
 
@@ -46,7 +47,7 @@ class Interlock(wiring.Component):
 
     ``laser`` is low as soon as the pin is: the pin gates the output directly, and needs no clock for it. It stays
     low where the pin is sampled open once; an opening shorter than a clock may interrupt the light only for
-    as long. Every other cause takes one clock.
+    as long. A command takes a clock, the lease three.
 
     This is no substitute for an interlock in series with the laser's supply.
 
@@ -84,22 +85,26 @@ class Interlock(wiring.Component):
         ``closed`` is the pin two clocks ago. The lamp is ``armed``; the laser is ``emitting`` while the pin is closed,
         and was so in the two clocks before.
         """
-        heard = now.heard or renew
-        silent_ms = 0 if renew else min(now.silent_ms + tick, 65536)
-        now = replace(now, heard=heard, silent_ms=silent_ms)
+        alive = renew or now.alive
+        emitting = now.emitting or now.waited_ms > delay_ms
+        now = replace(
+            now,
+            heard=now.heard or renew,
+            alive=renew or (now.heard and now.silent_ms < lease_ms),
+            silent_ms=0 if renew else min(now.silent_ms + tick, 65536),
+        )
         if not now.armed and key != LASER_KEY:
             return now
         for missing, cause in (
             (not closed, LaserCause.INTERLOCK),
-            (not heard or silent_ms >= lease_ms, LaserCause.LEASE),
+            (not alive, LaserCause.LEASE),
             (key not in (None, LASER_KEY), LaserCause.COMMAND),
         ):
             if missing:
                 return replace(now, armed=False, emitting=False, cause=cause)
         if not now.armed:
             return replace(now, armed=True, waited_ms=0)
-        waited_ms = min(now.waited_ms + tick, 65536)
-        return replace(now, emitting=now.emitting or waited_ms > delay_ms, waited_ms=waited_ms)
+        return replace(now, emitting=emitting, waited_ms=min(now.waited_ms + tick, 65536))
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
@@ -109,32 +114,32 @@ class Interlock(wiring.Component):
         sampled = Signal()
         m.d.sync += sampled.eq(self.interlock)
 
-        # One bit more than the settings: counters stop where no setting reaches.
-        heard, silent, silent_now = Signal(), Signal(17), Signal(17)
-        alive = Signal()
-        m.d.comb += silent_now.eq(silent)
+        # One bit more than the settings: counters stop where no setting reaches. They are compared a clock later.
+        heard, alive = Signal(), Signal()
+        silent, waited = Signal(17), Signal(17)
+        m.d.sync += [
+            heard.eq(heard | self.renew),
+            alive.eq(self.renew | (heard & (silent < self.lease_ms))),
+        ]
         with m.If(self.renew):
-            m.d.comb += silent_now.eq(0)
+            m.d.sync += silent.eq(0)
         with m.Elif(self.tick & ~silent[-1]):
-            m.d.comb += silent_now.eq(silent + 1)
-        m.d.comb += alive.eq((heard | self.renew) & (silent_now < self.lease_ms))
-        m.d.sync += [silent.eq(silent_now), heard.eq(heard | self.renew)]
+            m.d.sync += silent.eq(silent + 1)
 
-        armed, emitting = Signal(), Signal()
-        waited, waited_now = Signal(17), Signal(17)
-        m.d.comb += waited_now.eq(waited + (self.tick & ~waited[-1]))
+        armed, emitting, ripe = Signal(), Signal(), Signal()
+        m.d.comb += ripe.eq(waited > self.delay_ms)
 
         keyed = Signal()
         m.d.comb += keyed.eq(self.key == LASER_KEY)
         with m.If(armed | (self.arm & keyed)):
             with m.If(~closed):
                 m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.INTERLOCK)]
-            with m.Elif(~alive):
+            with m.Elif(~(alive | self.renew)):
                 m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.LEASE)]
             with m.Elif(self.arm & ~keyed):
                 m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.COMMAND)]
             with m.Elif(armed):
-                m.d.sync += [waited.eq(waited_now), emitting.eq(emitting | (waited_now > self.delay_ms))]
+                m.d.sync += [waited.eq(waited + (self.tick & ~waited[-1])), emitting.eq(emitting | ripe)]
             with m.Else():
                 m.d.sync += [armed.eq(1), waited.eq(0)]
 

@@ -67,7 +67,7 @@ class Quadrature(wiring.Component):
     @staticmethod
     def latency(length: int) -> int:
         """Clocks from a pin's change to the outputs."""
-        return SYNCHRONISER_STAGES + max(length, 1) + 2
+        return SYNCHRONISER_STAGES + max(length, 1) + 3
 
     @staticmethod
     def reference(a: Sequence[int], b: Sequence[int], length: int, swap: bool = False) -> Iterator[Move]:
@@ -105,21 +105,18 @@ class Quadrature(wiring.Component):
             m.d.comb += [level.i.eq(steady), level.length.eq(self.length), level.adopt.eq(~adopted)]
             levels.append(level.o)
         a, b = levels
-        before = Signal(2)
-        m.d.sync += before.eq(Cat(a, b))
-
-        # Gray code: a step forward from (A, B) makes the new A differ from the old B where it is A that moved ...
-        moved = Cat(a, b) ^ before
+        # Gray code: on a step forward the new A differs from the old B, whichever moves; on a step back they are equal.
+        before, moved, equal = Signal(2), Signal(2), Signal()
+        m.d.sync += [before.eq(Cat(a, b)), equal.eq(a == before[1])]
+        with m.If(started):
+            m.d.sync += moved.eq(Cat(a, b) ^ before)
         edge, backward, illegal = Signal(), Signal(), Signal()
-        m.d.sync += [
-            illegal.eq(started & moved.all()),
-            edge.eq(started & moved.xor()),
-            # ... so that new A == old B tells a step back, for steps of B as for those of A.
-            backward.eq((a == before[1]) ^ self.swap),
-        ]
+        m.d.sync += [edge.eq(moved.xor()), illegal.eq(moved.all()), backward.eq(equal ^ self.swap)]
 
         next_age = Signal(32)
-        m.d.comb += next_age.eq(self.age + ~self.age.all())
+        saturated = Signal(init=1)  # the age is at its end, known a clock ahead
+        m.d.comb += next_age.eq(self.age + ~saturated)
+        m.d.sync += saturated.eq(~edge & (saturated | (self.age == UNKNOWN - 1)))
         m.d.sync += [self.edge.eq(edge), self.illegal.eq(illegal), self.age.eq(next_age)]
         with m.If(edge):
             m.d.sync += [

@@ -20,19 +20,18 @@ def check(stimulus):
     got = trace(Interlock(), stimulus, OUTPUTS)
     now = Arming()
     closed = [0] * SYNCHRONISER_STAGES + [values["interlock"] for values in stimulus]
-    silent, alive = None, False
+    silent, alive = None, [False] * 3
     for clock, values in enumerate(stimulus):
         laser = now.emitting and all(closed[clock : clock + SYNCHRONISER_STAGES + 1])
         assert (got["laser"][clock], got["lamp"][clock]) == (laser, now.armed), clock
         assert got["state.emitting"][clock] == (now.emitting and closed[clock]), clock
-        assert got["state.armed"][clock] == now.armed, clock
+        assert (got["state.armed"][clock], got["state.alive"][clock]) == (now.armed, now.alive), clock
         assert got["state.closed"][clock] == closed[clock]
         assert got["cause"][clock] == now.cause, clock
         if got["laser"][clock]:
-            assert values["interlock"] and got["lamp"][clock] and alive
+            assert values["interlock"] and got["lamp"][clock] and any(alive[-3:])
         silent = 0 if values["renew"] else None if silent is None else silent + values["tick"]
-        alive = silent is not None and silent < values["lease_ms"]
-        assert got["state.alive"][clock] == alive
+        alive.append(values["renew"] or (silent is not None and silent < values["lease_ms"]))
         now = Interlock.reference(
             now,
             closed=bool(closed[clock]),
@@ -50,15 +49,17 @@ TICK = {"tick": 1}
 
 
 def armed():
-    """From reset to emission: the interlock's level comes through, the key, and a millisecond more than the delay."""
-    return [{}] * 3 + [ARM] + [TICK] * 4
+    """From reset until light comes, in the clock after: the interlock's level comes through, the key is written, and
+    a millisecond more than the delay passes.
+    """
+    return [{}] * 3 + [ARM] + [TICK] * 4 + [{}]
 
 
 def test_arming():
     """Lamp at once, light after the delay."""
-    got = check([*armed(), {}, {}])
+    got = check([*armed(), {}])
     assert got["lamp"] == [0, 0, 0, 0, 1, 1, 1, 1, 1, 1]
-    assert got["laser"] == [0, 0, 0, 0, 0, 0, 0, 0, 1, 1]
+    assert got["laser"] == [0, 0, 0, 0, 0, 0, 0, 0, 0, 1]
 
 
 @pytest.mark.parametrize("key", [0, LASER_KEY ^ 1, LASER_KEY ^ 0x8000, 0xFFFF])
@@ -70,29 +71,29 @@ def test_wrong_key_does_not_arm(key):
 @pytest.mark.parametrize("key", [0, LASER_KEY ^ 1])
 def test_command_disarms(key):
     got = check([*armed(), {}, {"arm": 1, "key": key}, {}, TICK, TICK, TICK, TICK, TICK])
-    assert got["laser"][8:] == [1, 1, 0, 0, 0, 0, 0, 0]
-    assert not any(got["lamp"][10:]) and got["cause"][-1] == LaserCause.COMMAND
+    assert got["laser"][9:] == [1, 1, 0, 0, 0, 0, 0, 0]
+    assert not any(got["lamp"][11:]) and got["cause"][-1] == LaserCause.COMMAND
 
 
 def test_opening_the_interlock_acts_at_once_and_needs_a_new_arming():
     opened = [{"interlock": 0}]
-    got = check([*armed(), {}, *opened, *[{}] * 5, ARM, *[TICK] * 4, {}])
-    assert got["laser"][8:16] == [1, 0, 0, 0, 0, 0, 0, 0]
-    assert got["cause"][12] == LaserCause.INTERLOCK
+    got = check([*armed(), {}, *opened, *[{}] * 5, ARM, *[TICK] * 4, {}, {}])
+    assert got["laser"][9:17] == [1, 0, 0, 0, 0, 0, 0, 0]
+    assert got["cause"][13] == LaserCause.INTERLOCK
     assert got["laser"][-1], "it can be armed again"
 
 
 def test_lease_lapses_and_coming_back_does_not_arm():
-    got = check([*armed(), *[TICK] * 5, {}, TICK, {"renew": 1}, *[TICK] * 3])
-    lapse = 4 + 10 + 1  # ticks after the last renewal, with the clock that the idle one took
-    assert got["laser"][8:] == [1] * (lapse - 8) + [0] * (len(got["laser"]) - lapse)
+    got = check([*armed(), *[TICK] * 6, {}, {}, {}, {"renew": 1}, *[TICK] * 3])
+    tenth = 9 + 5  # four ticks have come before
+    assert got["laser"] == [0] * 9 + [1] * (tenth + 3 - 9) + [0] * (len(got["laser"]) - tenth - 3)
     assert got["cause"][-1] == LaserCause.LEASE
     assert got["state.alive"][-1]
 
 
 def test_renewal_keeps_it_on():
     got = check([*armed(), *[TICK, TICK, TICK, TICK, {"renew": 1}] * 20])
-    assert all(got["laser"][8:])
+    assert all(got["laser"][9:])
 
 
 @pytest.mark.parametrize(
@@ -105,7 +106,7 @@ def test_arming_is_refused(missing, cause):
 
 
 def test_arming_twice_does_not_start_the_delay_again():
-    got = check([{}] * 3 + [ARM, TICK, TICK, ARM, TICK, TICK, {}])
+    got = check([{}] * 3 + [ARM, TICK, TICK, ARM, TICK, TICK, {}, {}])
     assert got["laser"][-1]
 
 
@@ -115,7 +116,7 @@ def test_longest_settings():
     stimulus = [longest | values for values in [{}] * 3 + [ARM] + [TICK] * 66000]
     stimulus[4 + 99]["renew"] = 1
     got = check(stimulus)
-    assert got["laser"].count(1) == 100 + 65535 - 65536
+    assert got["laser"].count(1) == 100 + 65535 - 65536 + 1  # off a clock later after its millisecond than on
     assert got["cause"][-1] == LaserCause.LEASE
 
 

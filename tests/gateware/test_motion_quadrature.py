@@ -114,13 +114,14 @@ def test_illegal_transitions_saturate():
 
 
 def test_ages_saturate():
-    a, b = levels([0] * 60 + [1] * 30)
+    """An edge, and long after it another one."""
+    a, b = levels([0] * 10 + [1] * 80 + [2] * 30)
     stimulus = [{"a": x, "b": y, "length": 3} for x, y in zip(a, b, strict=True)]
-    stimulus[0]["age"] = UNKNOWN - 20
+    stimulus[40]["age"] = UNKNOWN - 20  # where the register would be much later
     got = trace(Quadrature(), stimulus, ("age", "period"))
-    assert got["age"][10] == UNKNOWN - 10
-    assert got["age"][30] == got["period"][-1] == UNKNOWN
-    assert got["age"][-1] == 89 - 60 - Quadrature.latency(3)
+    assert got["age"][50] == UNKNOWN - 10
+    assert got["age"][80] == got["period"][-1] == UNKNOWN
+    assert got["age"][-1] == 119 - 90 - Quadrature.latency(3)
 
 
 @pytest.mark.parametrize("length", [0, 1, 3, 6, 40])
