@@ -124,25 +124,32 @@ class Monitor(wiring.Component):
         flushing = self._within(m, MIN_BLANKING, out_last, "flush")
         # A row that comes too early waits for the period of the one before, while its own has begun.
         period_left, wait_left = Signal(range(MIN_ROW_PERIOD)), Signal(range(MIN_ROW_PERIOD))
-        early = Mux(i.row_first, period_left != 0, wait_left != 0)
+        in_period, waits = Signal(), Signal()  # the two are not 0, ahead of time
+        early = Mux(i.row_first, in_period, waits)
         with m.If(belongs & i.row_first):
-            m.d.sync += [period_left.eq(MIN_ROW_PERIOD - 1), wait_left.eq(Mux(period_left == 0, 0, period_left - 1))]
+            m.d.sync += [
+                period_left.eq(MIN_ROW_PERIOD - 1),
+                in_period.eq(1),
+                wait_left.eq(period_left - 1),
+                waits.eq(in_period & (period_left != 1)),
+            ]
         with m.Else():
-            with m.If(period_left != 0):
-                m.d.sync += period_left.eq(period_left - 1)
-            with m.If(wait_left != 0):
-                m.d.sync += wait_left.eq(wait_left - 1)
+            with m.If(in_period):
+                m.d.sync += [period_left.eq(period_left - 1), in_period.eq(period_left != 1)]
+            with m.If(waits):
+                m.d.sync += [wait_left.eq(wait_left - 1), waits.eq(wait_left != 1)]
+        # Known a clock later than it could be: no row can end and another start in between.
+        reached = Signal()
+        m.d.sync += reached.eq(row_count == self.max_rows)
         m.d.comb += [
-            full.eq(~begin & (row_count == self.max_rows)),
+            full.eq(~begin & reached),
             start.eq(belongs & (i.row_first | late) & ~sending & ~flushing & ~early & ~full),
             black.eq(sending & (first | (self.video.frame_end & ~valid))),
             out_valid.eq(start | black | (sending & valid)),
         ]
-        at = Signal(12)  # column of the pixel that goes out
-        m.d.comb += at.eq(Mux(start, 0, columns))
-        limit = Signal()
+        limit = Signal()  # no more columns than up to this pixel
         m.d.comb += [
-            limit.eq(at == self.max_columns - 1),
+            limit.eq(~start & (columns == self.max_columns - 1)),
             out_last.eq(out_valid & (black | i.row_last | limit | self.video.frame_end)),
             fault.eq(black | late | (lost & ~begin) | (~i.row_last & out_last)),
         ]
@@ -167,7 +174,7 @@ class Monitor(wiring.Component):
         over = Signal()  # the camera's row is over
         m.d.comb += over.eq(belongs & (i.row_last | self.video.frame_end))
         with m.If(out_valid):
-            m.d.sync += [sending.eq(~out_last), columns.eq(at + 1)]
+            m.d.sync += [sending.eq(~out_last), columns.eq(Mux(start, 1, columns + 1))]
         with m.If(belongs & i.row_first):
             m.d.sync += late.eq(~start & ~full)
         with m.Elif(start):
@@ -215,12 +222,8 @@ class Monitor(wiring.Component):
         now = Signal(CameraErrors)
         m.d.comb += [now.eq(found), now.row_length.eq(bad_length)]
         so_far = Signal(CameraErrors)
-        last_rows = Signal(12)
-        with m.If(begin):
-            m.d.sync += last_rows.eq(row_count)
-        with m.Elif(end):
-            m.d.sync += last_rows.eq(row_count + start)
-
+        rows_before = Signal(12)
+        m.d.sync += rows_before.eq(row_count)
         m.d.sync += so_far.eq(so_far.as_value() | now.as_value())
         with m.If(row_over & (~measured | begun)):
             m.d.sync += [measured.eq(1), expected.eq(length)]
@@ -231,7 +234,7 @@ class Monitor(wiring.Component):
         m.d.comb += cut_off.framing.eq(ended & begun)
         m.d.sync += self.errors_ever.eq(self.errors_ever.as_value() | now.as_value() | cut_off.as_value())
         with m.If(ended):
-            m.d.sync += [self.rows.eq(last_rows), self.columns.eq(Mux(measured, expected, 0))]
+            m.d.sync += [self.rows.eq(Mux(begun, rows_before, row_count)), self.columns.eq(Mux(measured, expected, 0))]
             with m.If(begun):
                 m.d.sync += [self.errors.eq(so_far.as_value() | cut_off.as_value()), so_far.eq(now)]
             with m.Else():
@@ -244,8 +247,9 @@ class Monitor(wiring.Component):
     def _within(m: Module, clocks: int, event, name: str):
         """Whether fewer than ``clocks`` clocks have passed since ``event``, which itself does not count."""
         left = Signal(range(clocks), name=f"{name}_left")
+        within = Signal(name=f"{name}_within")  # left != 0, ahead of time
         with m.If(event):
-            m.d.sync += left.eq(clocks - 1)
-        with m.Elif(left != 0):
-            m.d.sync += left.eq(left - 1)
-        return left != 0
+            m.d.sync += [left.eq(clocks - 1), within.eq(1)]
+        with m.Elif(within):
+            m.d.sync += [left.eq(left - 1), within.eq(left != 1)]
+        return within

@@ -41,10 +41,8 @@ class HLS(wiring.Component):
     SATURATION_BITS = 8
     HUE_BITS = 7  # the quotient is at most 86, see the reference
 
-    @property
-    def latency(self) -> int:
-        """Clocks from the pixel to its colour."""
-        return self.PREPARE + self.SATURATION_BITS
+    latency = PREPARE + SATURATION_BITS
+    """Clocks from the pixel to its colour: one for each bit of the longer quotient."""
 
     def elaborate(self, platform):
         m = Module()

@@ -40,7 +40,7 @@ class Peak(wiring.Component):
         if not 2 <= max_columns <= 2048:
             raise ValueError(f"max_columns is {max_columns}; 2 to 2048 are possible")
         self.max_columns = max_columns
-        self.quotient_bits = (max_columns - 1).bit_length() + FRACTION_BITS
+        self._position = SerialDivider(16, (max_columns - 1).bit_length() + FRACTION_BITS)
         super().__init__(
             {
                 "settings": In(FrameSettings),
@@ -57,11 +57,11 @@ class Peak(wiring.Component):
     @property
     def latency(self) -> int:
         """Clocks from ``end`` to the record: divide, straighten, write."""
-        return SerialDivider(1, self.quotient_bits).latency + 2
+        return self._position.latency + 2
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.position = position = SerialDivider(16, self.quotient_bits)
+        m.submodules.position = position = self._position
         m.submodules.ratio = ratio = SerialDivider(20, 9)
 
         waiting = Signal()
@@ -96,7 +96,7 @@ class Peak(wiring.Component):
 
         # Straighten: half columns and a share in 1/512 px.
         halves = Signal(13)
-        share = Signal(self.quotient_bits)
+        share = Signal(position.quotient_bits)
         straight, single = Signal(), Signal()
         m.d.sync += [straight.eq(crossing.zeros == 0), single.eq(crossing.zeros == 1)]
         bend = Array(Const(value, signed(3)) for value in BEND)[position.quotient[FRACTION_BITS - 5 : FRACTION_BITS]]

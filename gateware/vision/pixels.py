@@ -80,10 +80,8 @@ class Pixels(wiring.Component):
     i: In(stream.Signature(CheckedPixel, always_ready=True))
     o: Out(stream.Signature(MeasuredPixel, always_ready=True))
 
-    @property
-    def latency(self) -> int:
-        """Clocks from ``i`` to ``o``: the colour path is the longest, one more joins all."""
-        return HLS().latency + Gate.latency + 1
+    latency = HLS.latency + Gate.latency + 1
+    """Clocks from ``i`` to ``o``: the colour path is the longest, one more joins all."""
 
     def elaborate(self, platform):
         m = Module()

@@ -50,6 +50,7 @@ class Vision(wiring.Component):
 
     def __init__(self, max_columns: int = 2048, max_rows: int = 2048) -> None:
         self._monitor = Monitor(max_columns, max_rows)
+        self._peak = Peak(max_columns)
         self.max_columns = max_columns
         self.max_rows = max_rows
         super().__init__(
@@ -71,7 +72,7 @@ class Vision(wiring.Component):
     def latency(self) -> int:
         """Clocks from the last pixel of a row to its record; the contract of the camera kept."""
         stages = Runs.latency + Choose.latency
-        return Monitor.latency + Pixels().latency + Lookahead.latency + stages + Peak(self.max_columns).latency
+        return Monitor.latency + Pixels.latency + Lookahead.latency + stages + self._peak.latency
 
     def elaborate(self, platform):
         m = Module()
@@ -82,7 +83,7 @@ class Vision(wiring.Component):
         m.submodules.runs = runs = Runs()
         m.submodules.choose = choose = Choose()
         m.submodules.spread = spread = Spread()
-        m.submodules.peak = peak = Peak(self.max_columns)
+        m.submodules.peak = peak = self._peak
 
         for block in (pixels, lookahead, runs, choose, peak):
             m.d.comb += block.settings.eq(self.settings)

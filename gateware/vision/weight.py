@@ -5,10 +5,13 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak import reference
+from magtrak.protocol import register
 from magtrak.reference.weight import FRACTION_BITS
 
-from ..arithmetic import Multiply, delayed
+from ..arithmetic import Multiply, delayed, tree_latency
 from ..layouts import FrameSettings
+
+COEFFICIENT_BITS = register("weight_r").bits
 
 
 class Weight(wiring.Component):
@@ -36,16 +39,14 @@ class Weight(wiring.Component):
     reference_mix = staticmethod(reference.mix)
     reference_weight = staticmethod(reference.weight)
 
-    @property
-    def latency(self) -> int:
-        """Clocks from the pixel to its weight: product, two sums, clip, floor."""
-        return Multiply(8, 10).latency + 4
+    latency = tree_latency(COEFFICIENT_BITS) + 4
+    """Clocks from the pixel to its weight: product, two sums, clip, floor."""
 
     def elaborate(self, platform):
         m = Module()
         products = []
         for name in "rgb":
-            m.submodules[f"multiply_{name}"] = multiply = Multiply(8, len(self.settings[f"weight_{name}"]))
+            m.submodules[f"multiply_{name}"] = multiply = Multiply(8, COEFFICIENT_BITS)
             m.d.comb += [multiply.a.eq(getattr(self, name)), multiply.b.eq(self.settings[f"weight_{name}"])]
             products.append(multiply.product)
 
