@@ -45,7 +45,7 @@ class Admission(wiring.Component):
         passing = Signal()
         open_ = Signal()  # frame_end is to come
         over = Signal()  # the image has ended, however early
-        left = Signal(range(SHORTEST_CLOCKS))
+        left = Signal(range(SHORTEST_CLOCKS + 1))
 
         begins = Signal()
         let_in = Signal()
@@ -77,5 +77,5 @@ class Admission(wiring.Component):
         with m.If((self.i.frame_end & passing) | begins):
             m.d.sync += over.eq(1)
         with m.If(let_in):
-            m.d.sync += [open_.eq(1), over.eq(self.i.frame_end), left.eq(SHORTEST_CLOCKS - 1)]
+            m.d.sync += [open_.eq(1), over.eq(self.i.frame_end), left.eq(SHORTEST_CLOCKS)]
         return m
