@@ -27,7 +27,7 @@ class FakeCard:
     refuse : registers whose writing is refused, by name
     drop_answers : numbers of commands, from 0 on, that get no answer
     cut_after : close in the middle of the frame of this number
-    chatter : bytes to send at once instead of answering anything
+    chatter : bytes to send all the time instead of answering anything
 
     Attributes
     ----------
@@ -95,9 +95,8 @@ class FakeCard:
     def _run(self) -> None:
         deframer = Deframer()
         at, due = 0, 0.0
-        if self.chatter:
-            self._send(self.chatter)
         while not self._stop.is_set():
+            self._send(self.chatter)
             try:
                 data = os.read(self._master, 4096)
             except BlockingIOError:
