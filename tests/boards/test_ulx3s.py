@@ -1,0 +1,16 @@
+"""The board files elaborate to a complete design; synthesis is left to ``make bitstream``."""
+
+from boards.ulx3s import Platform, card
+
+
+def test_ulx3s_is_complete(monkeypatch, tmp_path):
+    """Every resource is there, and Amaranth's own netlist of the card is written."""
+    for tool in ("YOSYS", "NEXTPNR_ECP5", "ECPPACK", "OPENFPGALOADER"):
+        monkeypatch.setenv(tool, "true")
+    monkeypatch.chdir(tmp_path)
+    plan = Platform().build(card(), do_build=False)
+    netlist = plan.files["top.il"]
+    assert "core" in str(netlist)
+    constraints = str(plan.files["top.lpf"])
+    for site in ("B11", "A10", "A9", "B9", "A6", "A4", "A2", "C4", "F4", "M1", "L4"):
+        assert f'SITE "{site}"' in constraints, site
