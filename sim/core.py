@@ -49,22 +49,23 @@ class Outputs:
 
 
 @cache
-def _library() -> ctypes.CDLL:
-    library = ctypes.CDLL(str(verilator.library(verilator.card_verilog(), Path(__file__).with_name("harness.cpp"))))
+def library() -> ctypes.CDLL:
+    """The compiled card; the first call on a machine compiles it, which takes a while."""
+    loaded = ctypes.CDLL(str(verilator.library(verilator.card_verilog(), Path(__file__).with_name("harness.cpp"))))
     pointer, u64, size = ctypes.c_void_p, ctypes.c_uint64, ctypes.c_size_t
-    library.card_new.argtypes = [ctypes.c_uint32, ctypes.c_double]
-    library.card_new.restype = pointer
-    library.card_delete.argtypes = [pointer]
-    library.card_pins.argtypes = [pointer, pointer, size]
-    library.card_row.argtypes = [pointer, u64, pointer, size, ctypes.c_int]
-    library.card_frame_end.argtypes = [pointer, u64]
-    library.card_send.argtypes = [pointer, ctypes.c_char_p, size]
-    library.card_receive.argtypes = [pointer, ctypes.c_char_p, size]
-    library.card_receive.restype = size
-    library.card_waiting.argtypes = [pointer]
-    library.card_waiting.restype = size
-    library.card_run.argtypes = [pointer, u64, ctypes.POINTER(_Outputs)]
-    return library
+    loaded.card_new.argtypes = [ctypes.c_uint32, ctypes.c_double]
+    loaded.card_new.restype = pointer
+    loaded.card_delete.argtypes = [pointer]
+    loaded.card_pins.argtypes = [pointer, pointer, size]
+    loaded.card_row.argtypes = [pointer, u64, pointer, size, ctypes.c_int]
+    loaded.card_frame_end.argtypes = [pointer, u64]
+    loaded.card_send.argtypes = [pointer, ctypes.c_char_p, size]
+    loaded.card_receive.argtypes = [pointer, ctypes.c_char_p, size]
+    loaded.card_receive.restype = size
+    loaded.card_waiting.argtypes = [pointer]
+    loaded.card_waiting.restype = size
+    loaded.card_run.argtypes = [pointer, u64, ctypes.POINTER(_Outputs)]
+    return loaded
 
 
 class SimulatedCore:
@@ -79,7 +80,7 @@ class SimulatedCore:
     def __init__(self, clock_hz: int, bytes_per_second: float) -> None:
         self.clock_hz = clock_hz
         self.clock = 0
-        self._library = _library()
+        self._library = library()
         self._card = self._library.card_new(clock_hz, min(bytes_per_second / clock_hz, 1.0))
         self._buffer = ctypes.create_string_buffer(1 << 16)
 

@@ -18,7 +18,7 @@ BIN = Path(sys.executable).parent
 START_S = 600.0  # the first start compiles the card, and on a new machine Yosys as well
 
 
-class Failed(Exception):
+class CommandError(Exception):
     """A command ended with an error, which it has told itself."""
 
 
@@ -30,7 +30,7 @@ def call(command: list[str]) -> None:
     """Run a command of this environment to its end."""
     show(command)
     if subprocess.run([BIN / command[0], *command[1:]], check=False).returncode:
-        raise Failed(command[0])
+        raise CommandError(command[0])
 
 
 def scan(card: list[str], receiver: list[str], link: Path) -> None:
@@ -42,11 +42,11 @@ def scan(card: list[str], receiver: list[str], link: Path) -> None:
         until = time.monotonic() + START_S
         while not link.exists():
             if process.poll() is not None or time.monotonic() > until:
-                raise Failed(card[0])
+                raise CommandError(card[0])
             time.sleep(0.05)
         call(receiver)
         if process.wait(timeout=60):
-            raise Failed(card[0])
+            raise CommandError(card[0])
     finally:
         if process.poll() is None:
             process.terminate()
@@ -71,7 +71,7 @@ def main(out: Path, scene: str) -> None:
         print("\nThe same scan in the paper's way: mean of the gated pixels, one bare encoder count for an image.")
         scan(card, [*receiver, "--output", f"{paper}", "--settings", "paper", "--angle", "bare"], link)
         call([*judge, f"{cloud}", "--compare", f"{paper}"])
-    except Failed as error:
+    except CommandError as error:
         fail(f"{error} failed; what it said is above.")
 
 

@@ -1,10 +1,13 @@
 """Builds the virtual card that ``magtrak-sim``'s options ask for, and runs it."""
 
+import signal
+import sys
 from pathlib import Path
 
 import click
 
 from .card import VirtualCard, World, clock_hz
+from .core import library
 from .errors import SimError
 from .pictures import Pictures
 from .playback import read_angles
@@ -56,6 +59,8 @@ def run(
         timing = Timing(pictures.height, 50.0 if frame_rate is None else frame_rate, row_time and row_time * 1e-6)
         clock = clock_hz(pictures.width, timing)
         world = PictureWorld(pictures, read_angles(angles, len(pictures)), timing, counts_per_turn, clock)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the link goes when the card is told to end
+    library()  # compiled before the port appears: a host that opens it gets answers
     terminal = Terminal(link)
     try:
         card = VirtualCard(world, terminal, clock, real_time=pace == "real")

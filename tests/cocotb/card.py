@@ -148,7 +148,7 @@ class CardDriver:
         for y, row in enumerate(image.tolist()):
             clocks = 0
             for x, (r, g, b) in enumerate(row):
-                while gaps and rng.random() < gaps:
+                while x and gaps and rng.random() < gaps:
                     dut.video_valid.value = 0
                     await FallingEdge(dut.clk)
                     clocks += 1

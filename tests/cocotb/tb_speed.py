@@ -9,7 +9,8 @@ import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import FallingEdge
 
-from tests.bench.virtual_card import CLOCK_HZ, ROW_CLOCKS, WIDTH, picture
+from magtrak import protocol
+from tests.bench.virtual_card import CLOCK_HZ, ROW_CLOCKS, RUN, WIDTH, picture
 
 ROWS = 60
 
@@ -23,7 +24,14 @@ async def test_speed(dut):
     dut.interlock.value = 1
     dut.tx_ready.value = 1
     Clock(dut.clk, 10, unit="ns").start()
-    await FallingEdge(dut.clk)
+    for byte in protocol.frame_packet(RUN):
+        dut.rx_valid.value = 1
+        dut.rx_data.value = byte
+        await FallingEdge(dut.clk)  # the card is idle: it takes a byte a clock
+    dut.rx_valid.value = 0
+    for _ in range(200):
+        await FallingEdge(dut.clk)
+    assert dut.run.value == 1
     started = time.perf_counter()
     for y, row in enumerate(image):
         for x, (r, g, b) in enumerate(row):

