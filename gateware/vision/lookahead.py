@@ -96,19 +96,19 @@ class Lookahead(wiring.Component):
         row_enters = Signal()
         column, row = Signal(12), Signal(12)
         ahead, behind = Signal(12), Signal(12)
-        ahead_gate, ahead_first, behind_gate = Signal(), Signal(), Signal()
+        ahead_gate, behind_gate = Signal(), Signal()
         back = Signal(range(LOOKAHEAD + 1))
         m.d.comb += [
             back.eq(LOOKAHEAD - reach),
             row_enters.eq(lines["row_first"][entry]),
             ahead_gate.eq(Cat(entering["gate"], lines["gate"]).bit_select(back, 1)),
-            ahead_first.eq(Cat(entering["row_first"], lines["row_first"]).bit_select(back, 1)),
             behind_gate.eq(lines["gate"].bit_select(LOOKAHEAD + reach, 1)),
         ]
         with m.If(self.step):
             m.d.sync += [
                 column.eq(Mux(row_enters, 0, column + 1)),
-                ahead.eq(Mux(ahead_first, 0, ahead) + ahead_gate),
+                # Behind a row's last column all is blank, so the count starts anew before the next row is in view.
+                ahead.eq((ahead & (~lines["row_last"][LOOKAHEAD]).replicate(len(ahead))) + ahead_gate),
                 behind.eq(Mux(row_enters, 0, behind + behind_gate)),
             ]
             with m.If(row_enters):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from gateware.vision.vision import Vision
-from magtrak.protocol import CAMERA_ERRORS
+from magtrak.protocol import CAMERA_ERRORS, Detector
 from magtrak.reference import ROW_DTYPE
 from tests.support.simulation import simulate
-from tests.support.vision import load_luts, random_image, random_luts, random_settings, send_image
+from tests.support.vision import default_settings, load_luts, random_image, random_luts, random_settings, send_image
 
 SEED = 20240611
 
@@ -60,7 +60,210 @@ def test_random(gap):
     print("seed", SEED)
     rng = np.random.default_rng(SEED)
     frames = []
-    for _ in range(60):
+    for _ in range(40):
         rows, columns = int(rng.integers(1, 8)), int(rng.integers(32, 65))
         frames.append((random_image(rng, rows, columns), random_settings(rng, columns, rows), random_luts(rng)))
     check(frames, gap=gap)
+
+
+def line_image(rows: int, columns: int, centres, amplitude: float = 180, sigma: float = 1.5) -> np.ndarray:
+    """A red line on black; a white core where it is over-exposed."""
+    x = np.arange(columns)
+    light = amplitude * np.exp(-((x - np.asarray(centres, float)[:, None]) ** 2) / (2 * sigma**2))
+    return np.clip(light[..., None] * [1.0, 0.15, 0.1], 0, 255).astype(np.uint8).reshape(rows, columns, 3)
+
+
+ALL = np.ones((3, 256), bool)
+RED = np.zeros((3, 256), bool)
+RED[0, :12] = RED[0, 244:] = RED[1, 10:] = RED[2, 60:] = True
+
+
+def test_line_at_every_column():
+    """Within the borders to 0.02 px; at them flagged."""
+    columns = 48
+    centres = np.linspace(-2, columns + 1, 37)
+    image = line_image(37, columns, centres)
+    for detector in Detector:
+        (record,) = check([(image, default_settings(detector=detector), RED)])
+        inner = (centres > 9) & (centres < columns - 10)
+        assert record["valid"][inner].all() and not record["cut"][inner].any() and not record["ambiguous"].any()
+        limit = {Detector.FIR: 0.02, Detector.BINARY: 0.6}[detector]
+        np.testing.assert_allclose(record["position"][inner] / 256, centres[inner], atol=limit)
+        outer = (centres < 2) | (centres > columns - 3)
+        assert record["cut"][outer & (record["valid"] == 1)].all()
+
+
+def test_white_core():
+    """Over-exposed eight times: the colour is left in the rim only, and still finds the run."""
+    centres = np.linspace(20, 28, 16)
+    image = line_image(16, 48, centres, amplitude=1440)
+    (record,) = check([(image, default_settings(), RED)])
+    assert record["valid"].all() and record["saturated"].all() and not record["ambiguous"].any()
+    np.testing.assert_allclose(record["position"] / 256, centres, atol=0.1)
+
+
+def test_flat_images():
+    shape = (2, 40, 3)
+    white, black = np.full(shape, 255, np.uint8), np.zeros(shape, np.uint8)
+    grey = np.full(shape, 100, np.uint8)
+    settings = [default_settings(detector=detector, run_bridge=15) for detector in Detector]
+    frames = [(image, values, ALL) for image in (white, black, grey) for values in settings]
+    records = check(frames)
+    for (image, values, _), record in zip(frames, records, strict=True):
+        if image is black:  # the binary detector asks for colour only
+            assert record["valid"].all() == (values["detector"] == Detector.BINARY)
+        else:
+            assert record["valid"].all() and record["cut"].all()
+            assert (record["position"] == int(19.5 * 256)).all() and (record["width"] == 40).all()
+
+
+def test_two_lines_are_ambiguous():
+    one, two = (line_image(1, 64, [centre], amplitude) for centre, amplitude in ((20, 180), (44, 100)))
+    for ratio, ambiguous in ((255, 0), (64, 1)):
+        (record,) = check([(np.maximum(one, two), default_settings(ambiguous_ratio=ratio), RED)])
+        assert record["second_valid"][0] and record["ambiguous"][0] == ambiguous
+        assert abs(record["position"][0] / 256 - 20) < 0.02
+        assert abs(record["second_position"][0] / 256 - 44) <= 0.5
+
+
+def test_colour_elsewhere_is_ambiguous():
+    """A white lamp in one run with the red line: the line is measured, and the row flagged."""
+    image = line_image(1, 64, [20])
+    image = np.maximum(image, np.maximum(line_image(1, 64, [44], 300, 4)[..., :1] * np.uint8(1), np.uint8(40)))
+    (record,) = check([(image, default_settings(floor=10), RED)])
+    assert record["valid"][0] and record["ambiguous"][0]
+
+
+def test_one_pixel_wide_and_high():
+    rng = np.random.default_rng(SEED)
+    frames = [(random_image(rng, rows, columns), default_settings(floor=0), ALL) for rows, columns in ((4, 1), (1, 2))]
+    check(frames)
+
+
+def test_region():
+    image = line_image(6, 48, [10, 10, 10, 30, 30, 30])
+    settings = default_settings(column_first=20, column_last=40, row_first=1, row_last=4)
+    (record,) = check([(image, settings, RED)])
+    assert record["valid"].tolist() == [0, 0, 0, 1, 1, 0]
+
+
+def test_latency():
+    """The record comes ``latency`` clocks after the row's last pixel, whatever is in the row; at most 64."""
+    dut = Vision()
+    assert dut.latency <= 64
+    clocks = {"last": [], "record": []}
+
+    async def watch(ctx):
+        clock = 0
+        async for _, _, valid, last, record in ctx.tick().sample(
+            dut.video.pixel.valid, dut.video.pixel.p.row_last, dut.rows.row.valid
+        ):
+            clock += 1
+            if valid and last:
+                clocks["last"].append(clock)
+            if record:
+                clocks["record"].append(clock)
+
+    async def testbench(ctx):
+        rng = np.random.default_rng(SEED)
+        for detector in Detector:
+            ctx.set(dut.settings, default_settings(detector=detector))
+            await load_luts(ctx, dut.lut, ALL)
+            await send_image(ctx, dut.video, random_image(rng, 6, 33))
+        await ctx.tick().repeat(64)
+
+    simulate(dut, testbench, watch)
+    assert clocks["record"] == [clock + dut.latency for clock in clocks["last"]]
+    assert len(clocks["record"]) == 6 * len(Detector)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_broken_contract(seed):
+    """Blanking and lengths at random: one record per row that the report counts, in order; the rows that are not
+    flagged are right, and the next image is whole.
+    """
+    print("seed", seed)
+    rng = np.random.default_rng(seed)
+    dut = Vision(max_columns=64, max_rows=64)
+    settings = default_settings(floor=30)
+    whole = random_image(rng, 3, 40)
+    widths = [int(rng.integers(1, 70)) for _ in range(30)]
+    rows = [random_image(rng, 1, width) for width in widths]
+    records, reports = [[]], []
+
+    async def collect(ctx):
+        async for _, _, valid, payload, end, errors, count in ctx.tick().sample(
+            dut.rows.row.valid, dut.rows.row.p, dut.rows.frame_end, dut.errors, dut.image_rows
+        ):
+            if valid:
+                assert payload.row == len(records[-1])
+                records[-1].append(tuple(payload.record[name] for name in ROW_DTYPE.names))
+            if end:
+                assert count == len(records[-1])
+                records.append([])
+                reports.append(any(errors[field.name] for field in CAMERA_ERRORS.fields if not field.reserved))
+
+    async def testbench(ctx):
+        ctx.set(dut.settings, settings)
+        await load_luts(ctx, dut.lut, ALL)
+        for number, image in enumerate(rows):
+            for column in range(image.shape[1]):
+                r, g, b = (int(value) for value in image[0, column])
+                flags = {"row_first": column == 0, "row_last": column == image.shape[1] - 1}
+                ctx.set(dut.video.pixel.p, {"r": r, "g": g, "b": b, "frame_first": number == column == 0, **flags})
+                ctx.set(dut.video.pixel.valid, 1)
+                await ctx.tick()
+                ctx.set(dut.video.pixel.valid, 0)
+            await ctx.tick().repeat(int(rng.integers(1, 50)))
+        ctx.set(dut.video.frame_end, 1)
+        await ctx.tick()
+        ctx.set(dut.video.frame_end, 0)
+        await ctx.tick().repeat(64)
+        await send_image(ctx, dut.video, whole)
+        await ctx.tick().repeat(dut.latency + 32)
+
+    simulate(dut, testbench, collect, clocks=20_000)
+    broken, after, _ = [np.array(frame, dtype=ROW_DTYPE) for frame in records]
+    assert after.tolist() == Vision.reference(whole, settings, ALL).tolist()
+    good = [Vision.reference(row, settings, ALL)[0].tolist() for row in rows]
+    at = 0
+    for record in broken:
+        if not record["overflow"]:
+            assert record.tolist() in good[at:]
+            at += good[at:].index(record.tolist()) + 1
+    assert at > 0
+    assert broken["overflow"].any() and reports[0] and not reports[1]
+
+
+def test_settings_that_change_too_early():
+    """A frame that starts before the one before is measured: that row is flagged."""
+    dut = Vision(max_columns=64, max_rows=64)
+    flags, errors = [], []
+
+    async def collect(ctx):
+        async for _, _, valid, overflow, end, found in ctx.tick().sample(
+            dut.rows.row.valid, dut.rows.row.p.record.overflow, dut.rows.frame_end, dut.errors.frame_gap
+        ):
+            if valid:
+                flags.append(overflow)
+            if end:
+                errors.append(found)
+
+    async def testbench(ctx):
+        ctx.set(dut.settings, default_settings())
+        image = line_image(1, 60, [20])
+        for gap in (30, 200):
+            for column in range(60):
+                r, g, b = (int(value) for value in image[0, column])
+                ends = {"row_first": column == 0, "frame_first": column == 0, "row_last": column == 59}
+                ctx.set(dut.video.pixel.p, {"r": r, "g": g, "b": b, **ends})
+                ctx.set(dut.video.pixel.valid, 1)
+                ctx.set(dut.video.frame_end, column == 59)
+                await ctx.tick()
+                ctx.set(dut.video.pixel.valid, 0)
+                ctx.set(dut.video.frame_end, 0)
+            await ctx.tick().repeat(gap)
+
+    simulate(dut, testbench, collect)
+    assert flags == [1, 0]
+    assert errors == [0, 1]
