@@ -1,7 +1,8 @@
 """The calibration file: camera, laser and what lies between them.
 
-Format and meaning of the fields: "Calibration (JSON)" in ``docs/interfaces.md``. Every field is checked when a file is
-read, and keys that this version does not know are kept when it is written again.
+JSON with the sections ``camera`` (:class:`CameraCalibration`), ``laser`` (:class:`magtrak.laser.Laser`) and, if need
+be, ``encoder`` with its ``error_table``; lengths in mm, angles in rad. Every field is checked when a file is read, and
+keys that this version does not know are kept when it is written again.
 """
 
 import copy
