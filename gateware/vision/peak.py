@@ -94,24 +94,26 @@ class Peak(wiring.Component):
             ratio.start.eq(self.taken),
         ]
 
-        # Straighten: half columns and a share in 1/512 px.
+        # Straighten: half columns and a share in 1/512 px, 1 more to round half up.
         halves = Signal(13)
         share = Signal(position.quotient_bits)
         straight, single = Signal(), Signal()
         m.d.sync += [straight.eq(crossing.zeros == 0), single.eq(crossing.zeros == 1)]
-        bend = Array(Const(value, signed(3)) for value in BEND)[position.quotient[FRACTION_BITS - 5 : FRACTION_BITS]]
+        bend = Array(Const(1 - value, signed(4)) for value in BEND)[
+            position.quotient[FRACTION_BITS - 5 : FRACTION_BITS]
+        ]
         with m.If(binary):
-            m.d.sync += [halves.eq(0), share.eq(position.quotient)]
+            m.d.sync += [halves.eq(0), share.eq(position.quotient + 1)]
         with m.Elif(~run.crossed):
-            m.d.sync += [halves.eq(run.first + run.last), share.eq(0)]
+            m.d.sync += [halves.eq(run.first + run.last), share.eq(1)]
         with m.Else():
             m.d.sync += halves.eq((crossing.before << 1) + crossing.zeros)
             with m.If(straight):
-                m.d.sync += share.eq(position.quotient[:FRACTION_BITS] - bend)
+                m.d.sync += share.eq(position.quotient[:FRACTION_BITS] + bend)
             with m.Elif(single):
-                m.d.sync += share.eq(FRACTION // 2)
+                m.d.sync += share.eq(FRACTION // 2 + 1)
             with m.Else():
-                m.d.sync += share.eq(position.quotient[:FRACTION_BITS])
+                m.d.sync += share.eq(position.quotient[:FRACTION_BITS] + 1)
 
         # Flags, while the dividers work.
         touched = Signal(Gated)  # whose first and last column count
@@ -121,6 +123,7 @@ class Peak(wiring.Component):
         ]
         touches = Signal(4)
         over, uncrossed = Signal(2), Signal()
+        seen = Signal(13)  # last column that the filter saw at the crossing
         m.d.sync += [
             touches.eq(
                 Cat(
@@ -130,7 +133,8 @@ class Peak(wiring.Component):
                     touched.last == self.settings.column_last,
                 )
             ),
-            over.eq(Cat(crossing.before < REACH, crossing.after + REACH > gated.last_column)),
+            seen.eq(crossing.after + REACH),
+            over.eq(Cat(crossing.before < REACH, seen > gated.last_column)),
             uncrossed.eq(~run.crossed),
         ]
         span, enough = Signal(12), Signal()
@@ -150,7 +154,7 @@ class Peak(wiring.Component):
 
         # Write.
         fine = Signal(21)
-        m.d.comb += fine.eq((halves << (FRACTION_BITS - 1)) + share + 1)
+        m.d.comb += fine.eq((halves << (FRACTION_BITS - 1)) + share)
         record = Signal(Row)
         with m.If(valid):
             m.d.comb += [
