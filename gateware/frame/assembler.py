@@ -54,8 +54,10 @@ class FrameAssembler(wiring.Component):
 
         part = Signal(_Part)
         index = Signal(range(max(self.max_rows, EDGE_BASE)))  # word or row of this part
-        part_ends = Signal()
-        ends = Signal()
+        # Whether this is the last of its part, of the frame: registered, the packet's end has a long way from here.
+        part_ends, part_ended = Signal(), Signal()
+        ends, ended = Signal(), Signal()
+        m.d.sync += [part_ended.eq(part_ends), ended.eq(ends)]
         no_edges = contents.edges == 0
         no_rows = contents.rows == 0
         with m.Switch(part):
@@ -80,7 +82,7 @@ class FrameAssembler(wiring.Component):
         left = Signal(range(FULL_ROW.size + 1))
         m.d.comb += [
             self.o.payload.data.eq(record),
-            self.o.payload.last.eq((left == 1) & ends),
+            self.o.payload.last.eq((left == 1) & ended),
         ]
         with m.FSM():
             with m.State("Wait"):
@@ -105,14 +107,14 @@ class FrameAssembler(wiring.Component):
                     m.d.sync += [record.eq(record >> 8), left.eq(left - 1)]
                     with m.If(left == 1):
                         m.d.sync += index.eq(index + 1)
-                        with m.If(part_ends):
+                        with m.If(part_ended):
                             m.d.sync += index.eq(0)
                             with m.If((part == _Part.HEADER) & ~no_edges):
                                 m.d.sync += part.eq(_Part.EDGES)
                             with m.Else():
                                 m.d.sync += part.eq(_Part.ROWS)
                         m.next = "Fetch"
-                        with m.If(ends):
+                        with m.If(ended):
                             m.d.comb += self.i.done.eq(1)
                             m.next = "Release"
             # The buffer tells in the next clock whether there is another frame.
