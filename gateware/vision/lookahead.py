@@ -74,7 +74,7 @@ class Lookahead(wiring.Component):
         entering |= {"pixel": self.i.valid, "lit": self.i.valid & i.weight.any()}
         lines = {}
         for name, value in entering.items():
-            places = 2 * LOOKAHEAD + 1 if name == "gate" else LOOKAHEAD + 1
+            places = 2 * LOOKAHEAD if name == "gate" else LOOKAHEAD + 1
             lines[name] = line = Signal(places, name=f"{name}_line")
             with m.If(self.step):
                 m.d.sync += line.eq(Cat(value, line))
@@ -96,20 +96,25 @@ class Lookahead(wiring.Component):
         row_enters = Signal()
         column, row = Signal(12), Signal(12)
         ahead, behind = Signal(12), Signal(12)
-        ahead_gate, behind_gate = Signal(), Signal()
-        back = Signal(range(LOOKAHEAD + 1))
+        # Both gates are picked a step ahead, but for the one that just enters, which the greatest reach needs.
+        gates = Cat(entering["gate"], lines["gate"])
+        ahead_pick, behind_pick, ahead_gate, back = Signal(), Signal(), Signal(), Signal(range(LOOKAHEAD + 1))
+        with m.If(self.step):
+            m.d.sync += [
+                ahead_pick.eq(gates.bit_select(back, 1)),
+                behind_pick.eq(gates.bit_select(LOOKAHEAD + reach, 1)),
+            ]
         m.d.comb += [
-            back.eq(LOOKAHEAD - reach),
             row_enters.eq(lines["row_first"][entry]),
-            ahead_gate.eq(Cat(entering["gate"], lines["gate"]).bit_select(back, 1)),
-            behind_gate.eq(lines["gate"].bit_select(LOOKAHEAD + reach, 1)),
+            back.eq(LOOKAHEAD - 1 - reach),
+            ahead_gate.eq(Mux(reach == LOOKAHEAD, entering["gate"], ahead_pick)),
         ]
         with m.If(self.step):
             m.d.sync += [
                 column.eq(Mux(row_enters, 0, column + 1)),
                 # Behind a row's last column all is blank, so the count starts anew before the next row is in view.
                 ahead.eq((ahead & (~lines["row_last"][LOOKAHEAD]).replicate(len(ahead))) + ahead_gate),
-                behind.eq(Mux(row_enters, 0, behind + behind_gate)),
+                behind.eq(Mux(row_enters, 0, behind + behind_pick)),
             ]
             with m.If(row_enters):
                 m.d.sync += row.eq(Mux(lines["frame_first"][entry], 0, row + 1))
