@@ -118,6 +118,9 @@ class VirtualCard:
                 break
         self._finish()
 
+    def _clock(self, time_s: float) -> int:
+        return round(time_s * self._core.clock_hz)
+
     @property
     def _now_s(self) -> float:
         return self._core.clock / self._core.clock_hz
@@ -125,7 +128,7 @@ class VirtualCard:
     def _picture(self, frame: int, first_s: float) -> None:
         timing = self._world.timing
         times = timing.rows(first_s)
-        while self._now_s < first_s:
+        while self._core.clock < self._clock(first_s):
             self._slice(min(first_s, self._now_s + SLICE_S))
         clocks = np.round(times * self._core.clock_hz).astype(np.int64)
         # Nothing may lie in the past; rounding of the slice's end can put the first row half a clock there.
@@ -146,12 +149,12 @@ class VirtualCard:
 
     def _move(self, until_s: float) -> None:
         events = self._world.drive.advance(until_s, self._outputs.drive)
-        changes = [(round(event.time_s * self._core.clock_hz), event.signal, event.level) for event in events]
+        changes = [(self._clock(event.time_s), event.signal, event.level) for event in events]
         self._core.pins(np.array(changes, PIN))
 
     def _advance(self, until_s: float) -> None:
         self._core.send(self._terminal.read())
-        self._outputs = self._core.run(round(until_s * self._core.clock_hz))
+        self._outputs = self._core.run(self._clock(until_s))
         self._pass_on()
         if self._real_time:
             ahead = self._now_s - (time.monotonic() - self._wall_start)

@@ -59,18 +59,20 @@ def scan(card: list[str], receiver: list[str], link: Path) -> None:
 def main(out: Path, scene: str) -> None:
     """Scan SCENE with the virtual card; cloud, picture and errors go to the folder OUT."""
     out.mkdir(parents=True, exist_ok=True)
-    link, calibration, truth = out / "card", out / "calibration.json", out / "truth.npz"
-    cloud, paper = out / "scan.ply", out / "paper.ply"
-    card = ["magtrak-sim", "--scene", scene, "--link", f"{link}", "--pace", "max", "--truth", f"{truth}"]
-    receiver = ["magtrak-recv", "--port", f"{link}", "--calibration", f"{calibration}"]
-    judge = ["python", "-m", "sim.evaluate", "--scene", scene, "--truth", f"{truth}"]
+    link, calibration = out / "card", out / "calibration.json"
+    cloud, truth = out / "scan.ply", out / "scan-truth.npz"
+    paper, paper_truth = out / "paper.ply", out / "paper-truth.npz"
+    card = ["magtrak-sim", "--scene", scene, "--link", f"{link}", "--pace", "max", "--truth"]
+    receiver = ["magtrak-recv", "--port", f"{link}", "--calibration", f"{calibration}", "--output"]
     picture = ["--picture", f"{cloud.with_suffix('.png')}"]
+    judge = ["python", "-m", "sim.evaluate", "--scene", scene, "--truth", f"{truth}", f"{cloud}"]
+    compare = ["--compare", f"{paper}", "--compare-truth", f"{paper_truth}"]
     try:
         call(["python", "-m", "sim.scene", scene, "--calibration", f"{calibration}"])
-        scan(card, [*receiver, "--output", f"{cloud}", *picture], link)
+        scan([*card, f"{truth}"], [*receiver, f"{cloud}", *picture], link)
         print("\nThe same scan in the paper's way: mean of the gated pixels, one bare encoder count for an image.")
-        scan(card, [*receiver, "--output", f"{paper}", "--settings", "paper", "--angle", "bare"], link)
-        call([*judge, f"{cloud}", "--compare", f"{paper}"])
+        scan([*card, f"{paper_truth}"], [*receiver, f"{paper}", "--settings", "paper", "--angle", "bare"], link)
+        call([*judge, *compare])
     except CommandError as error:
         fail(f"{error} failed; what it said is above.")
 
