@@ -117,6 +117,8 @@ class Core(wiring.Component):
             buffer.image.generation.eq(registers.generation),
             buffer.image.form.eq(registers.now.form),
             buffer.image.laser_on.eq(motion.laser_on_whole_frame),
+            buffer.image.speed_in_band.eq(motion.speed_in_band_whole_frame),
+            buffer.image.motor_stopped.eq(motion.motor_state.stopped),
         ]
         for name in ("detector", "exposure_us", "time_offset_ns"):
             m.d.comb += buffer.image[name].eq(registers.frame[name])
@@ -132,7 +134,10 @@ class Core(wiring.Component):
             status.damaged_commands.eq(link.damaged),
             status.camera_errors.eq(vision.errors_ever),
         ]
-        for name in ("count", "index_count", "index_passes", "encoder_errors", "laser_state", "laser_cause"):
+        for name in (
+            *("count", "index_count", "index_passes", "pass_count", "index_difference", "encoder_errors", "speed"),
+            *("motor_state", "motor_cause", "laser_state", "laser_cause", "safety"),
+        ):
             m.d.comb += status[name].eq(getattr(motion, name))
 
         return m

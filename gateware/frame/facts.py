@@ -27,6 +27,7 @@ class ImageFacts(data.Struct):
     time_offset_ns: signed(32)
     laser_on: 1
     speed_in_band: 1
+    motor_stopped: 1
 
 
 class MotionFacts(data.Struct):

@@ -93,6 +93,7 @@ class HeaderStore(wiring.Component):
             flags.index_seen.eq(motion.index_seen),
             flags.speed_in_band.eq(image.speed_in_band),
             flags.laser_on.eq(image.laser_on),
+            flags.motor_stopped.eq(image.motor_stopped),
             flags.encoder_fault.eq(motion.encoder_fault),
             flags.camera_fault.eq(rows.vision.errors.as_value().any()),
             flags.rows_lost.eq(rows.lost),

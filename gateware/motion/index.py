@@ -7,6 +7,8 @@ from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from magtrak.protocol import IndexPolicy
+
 from .filter import LENGTH_BITS, GlitchFilter
 from .quadrature import Move
 
@@ -37,6 +39,10 @@ class Index(wiring.Component):
     needs a barrier of at least two counts. Before the first edge of the encoder no direction is known, and
     nothing passes.
 
+    ``zero_count`` is the count from which angles count. ``policy`` says what a pass does to it: makes it the pass's
+    (``RESET``), nothing (``LATCH``), or makes it the pass's only the first time since the policy was set
+    (``FIRST``). The count itself is never reset: the edges of an image would lie on two scales.
+
     With ``counts_per_turn`` every pass is checked against the one before: one turn lies between two passes in the
     same direction, and nothing between two in opposite ones.
 
@@ -51,10 +57,12 @@ class Index(wiring.Component):
     debounce : clocks, 0 acts as 1
     invert : the barrier is active low
     counts_per_turn : 0 for no check
+    policy : a :class:`magtrak.protocol.IndexPolicy`
     passed : strobe, the latches are new
     pass_time, pass_count, pass_backward : latched at the last pass
     passes : passes since reset, modulo 65536
     seen : there has been a pass
+    zero_count : see above; changes with the latches
     difference : counts by which the last pass was off
     turns : passes that were off, saturating
     wrong : strobe, ``turns`` has been counted
@@ -69,12 +77,14 @@ class Index(wiring.Component):
     debounce: In(LENGTH_BITS)
     invert: In(1)
     counts_per_turn: In(24)
+    policy: In(2)
     passed: Out(1)
     pass_time: Out(48)
     pass_count: Out(signed(32))
     pass_backward: Out(1)
     passes: Out(16)
     seen: Out(1)
+    zero_count: Out(signed(32))
     difference: Out(signed(32))
     turns: Out(16)
     wrong: Out(1)
@@ -177,7 +187,14 @@ class Index(wiring.Component):
             passing.eq(confirmed & Mux(first, known_now, kept_known) & (self.level ^ self.invert ^ backward)),
         ]
         m.d.sync += self.passed.eq(passing)
+        taken = Signal()  # the first pass of the policy is over
+        with m.If(self.policy != IndexPolicy.FIRST):
+            m.d.sync += taken.eq(0)
         with m.If(passing):
+            with m.If((self.policy == IndexPolicy.RESET) | ((self.policy == IndexPolicy.FIRST) & ~taken)):
+                m.d.sync += self.zero_count.eq(Mux(first, self.count, kept_count))
+            with m.If(self.policy == IndexPolicy.FIRST):
+                m.d.sync += taken.eq(1)
             m.d.sync += [
                 self.pass_time.eq(Mux(first, self.time, kept_time)),
                 self.pass_count.eq(Mux(first, self.count, kept_count)),

@@ -13,12 +13,16 @@ SYNCHRONISER_STAGES = 2
 
 
 class LaserState(data.Struct):
-    """Register ``laser_state``: the laser emits, is armed, its interlock is closed, its lease alive."""
+    """Register ``laser_state``: the laser emits, is armed, its interlock is closed, its lease alive, no fault has
+    stopped the motor, and the conditions on speed and angle hold.
+    """
 
     emitting: 1
     armed: 1
     closed: 1
     alive: 1
+    sound: 1
+    permitted: 1
 
 
 @dataclass(frozen=True)
@@ -30,20 +34,24 @@ class Arming:
     cause: LaserCause = LaserCause.NEVER_ARMED
     heard: bool = False
     alive: bool = False
+    permitted: bool = False
     silent_ms: int = 0
     waited_ms: int = 0
 
 
 class Interlock(wiring.Component):
-    """Enables the laser while it is armed, the interlock closed and the host alive.
+    """Enables the laser while it is armed, the interlock closed, the host alive and the motor sound.
 
     Off after reset. Writing the key arms it, if the interlock is closed and the lease alive then; any other value
     disarms. Armed, the lamp is on, and emission follows after ``delay_ms`` to ``delay_ms + 1`` ms. Arming what is
     armed changes nothing. Every intact command renews the lease. The laser is disarmed ``lease_ms - 1`` to
     ``lease_ms`` ms after the last one, and when the interlock opens. Whatever it was, only the key arms it again.
 
+    A fault that stops the motor disarms it as well. ``permitted`` is no more than a shutter: without it the light goes
+    out in the next clock, and comes back with it; the lamp stays on.
+
     What disarmed it last, or kept it from being armed, stays in ``cause``. Where several things happen in one
-    clock, the interlock counts before the lease, and that before the command.
+    clock, the interlock counts before the lease, that before the motor, and that before the command.
 
     ``laser`` is low as soon as the pin is: the pin gates the output directly, and needs no clock for it. It stays
     low where the pin is sampled open once; an opening shorter than a clock may interrupt the light only for
@@ -58,6 +66,8 @@ class Interlock(wiring.Component):
     arm, key : strobe, a value is written to ``laser_arm``
     renew : strobe, an intact command has come
     lease_ms, delay_ms : settings
+    sound : no fault has stopped the motor
+    permitted : speed and angle are where they have to be
     laser : pin, enables the laser
     lamp : pin, emission indicator: on from arming to disarming
     state : see :class:`LaserState`
@@ -71,6 +81,8 @@ class Interlock(wiring.Component):
     renew: In(1)
     lease_ms: In(16)
     delay_ms: In(16)
+    sound: In(1)
+    permitted: In(1)
     laser: Out(1)
     lamp: Out(1)
     state: Out(LaserState)
@@ -78,17 +90,27 @@ class Interlock(wiring.Component):
 
     @staticmethod
     def reference(
-        now: Arming, *, closed: bool, tick: bool, key: int | None, renew: bool, lease_ms: int, delay_ms: int
+        now: Arming,
+        *,
+        closed: bool,
+        tick: bool,
+        key: int | None,
+        renew: bool,
+        lease_ms: int,
+        delay_ms: int,
+        sound: bool = True,
+        permitted: bool = True,
     ) -> Arming:
         """The definition: what a clock makes of ``now``. ``key`` is None where nothing is written.
 
-        ``closed`` is the pin two clocks ago. The lamp is ``armed``; the laser is ``emitting`` while the pin is closed,
-        and was so in the two clocks before.
+        ``closed`` is the pin two clocks ago. The lamp is ``armed``; the laser is ``emitting`` while ``permitted`` and
+        the pin is closed, and was so in the two clocks before.
         """
         alive = renew or now.alive
         emitting = now.emitting or now.waited_ms > delay_ms
         now = replace(
             now,
+            permitted=permitted,
             heard=now.heard or renew,
             alive=renew or (now.heard and now.silent_ms < lease_ms),
             silent_ms=0 if renew else min(now.silent_ms + tick, 65536),
@@ -98,6 +120,7 @@ class Interlock(wiring.Component):
         for missing, cause in (
             (not closed, LaserCause.INTERLOCK),
             (not alive, LaserCause.LEASE),
+            (not sound, LaserCause.MOTOR),
             (key not in (None, LASER_KEY), LaserCause.COMMAND),
         ):
             if missing:
@@ -126,7 +149,8 @@ class Interlock(wiring.Component):
         with m.Elif(self.tick & ~silent[-1]):
             m.d.sync += silent.eq(silent + 1)
 
-        armed, emitting, ripe = Signal(), Signal(), Signal()
+        armed, emitting, ripe, permitted = Signal(), Signal(), Signal(), Signal()
+        m.d.sync += permitted.eq(self.permitted)
         m.d.comb += ripe.eq(waited > self.delay_ms)
 
         keyed = Signal()
@@ -136,6 +160,8 @@ class Interlock(wiring.Component):
                 m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.INTERLOCK)]
             with m.Elif(~(alive | self.renew)):
                 m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.LEASE)]
+            with m.Elif(~self.sound):
+                m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.MOTOR)]
             with m.Elif(self.arm & ~keyed):
                 m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.COMMAND)]
             with m.Elif(armed):
@@ -144,11 +170,13 @@ class Interlock(wiring.Component):
                 m.d.sync += [armed.eq(1), waited.eq(0)]
 
         m.d.comb += [
-            self.laser.eq(emitting & self.interlock & sampled & closed),
+            self.laser.eq(emitting & permitted & self.interlock & sampled & closed),
             self.lamp.eq(armed),
-            self.state.emitting.eq(emitting & closed),
+            self.state.emitting.eq(emitting & permitted & closed),
             self.state.armed.eq(armed),
             self.state.closed.eq(closed),
             self.state.alive.eq(alive),
+            self.state.sound.eq(self.sound),
+            self.state.permitted.eq(permitted),
         ]
         return m

@@ -1,7 +1,7 @@
 """Everything that turns, and the light that turns with it."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
@@ -13,8 +13,11 @@ from .filter import LENGTH_BITS, Align
 from .index import Index
 from .interlock import Interlock, LaserState
 from .milliseconds import Milliseconds
-from .pwm import Pwm
+from .motor import MotorControl, MotorState
 from .quadrature import SYNCHRONISER_STAGES, Quadrature
+
+SAFETY = ("laser_state", "laser_cause", "motor_state", "motor_cause")
+"""Registers that ``safety`` shows in one."""
 
 
 class Motion(wiring.Component):
@@ -47,10 +50,12 @@ class Motion(wiring.Component):
     edges, edge_shift : entries of the edge log, and which edges they are
     edge_index, edge : entry to read; the entry, a clock later
     count : now, :meth:`latency` clocks late
-    index_time, index_count, index_passes, index_seen : last pass of the index
+    index_time, pass_count, index_passes, index_seen, index_difference : last pass of the index
+    index_count : the zero of the angle, as the policy has it
     encoder_errors : since reset
-    laser_state, laser_cause : registers
-    laser_on_whole_frame : the laser has been on since ``frame_first``
+    speed : signed Q23.8, counts a second
+    motor_state, motor_cause, laser_state, laser_cause, safety : registers
+    laser_on_whole_frame, speed_in_band_whole_frame : it has been so since ``frame_first``
     """
 
     encoder_a: In(1)
@@ -85,12 +90,19 @@ class Motion(wiring.Component):
     count: Out(signed(32))
     index_time: Out(48)
     index_count: Out(signed(32))
+    pass_count: Out(signed(32))
+    index_difference: Out(signed(32))
     index_passes: Out(16)
     index_seen: Out(1)
     encoder_errors: Out(EncoderErrors)
+    speed: Out(signed(32))
+    motor_state: Out(MotorState)
+    motor_cause: Out(8)
+    safety: Out(32)
     laser_state: Out(LaserState)
     laser_cause: Out(8)
     laser_on_whole_frame: Out(1)
+    speed_in_band_whole_frame: Out(1)
 
     @staticmethod
     def latency(length: int) -> int:
@@ -99,15 +111,16 @@ class Motion(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
+        settings = self.settings
         length = Signal(LENGTH_BITS)
-        m.d.comb += length.eq(self.settings.encoder_filter)
+        m.d.comb += length.eq(settings.encoder_filter)
 
         m.submodules.encoder = encoder = Quadrature()
         m.d.comb += [
             encoder.a.eq(self.encoder_a),
             encoder.b.eq(self.encoder_b),
             encoder.length.eq(length),
-            encoder.swap.eq(self.settings.encoder_swap),
+            encoder.swap.eq(settings.encoder_swap),
             self.count.eq(encoder.count),
         ]
 
@@ -141,10 +154,13 @@ class Motion(wiring.Component):
             index.edge.eq(encoder.edge),
             index.backward.eq(encoder.backward),
             index.debounce.eq(length),
-            index.invert.eq(self.settings.index_invert),
-            index.counts_per_turn.eq(self.settings.counts_per_turn),
+            index.invert.eq(settings.index_invert),
+            index.counts_per_turn.eq(settings.counts_per_turn),
             self.index_time.eq(index.pass_time),
-            self.index_count.eq(index.pass_count),
+            index.policy.eq(settings.index_policy),
+            self.index_count.eq(index.zero_count),
+            self.pass_count.eq(index.pass_count),
+            self.index_difference.eq(index.difference),
             self.index_passes.eq(index.passes),
             self.index_seen.eq(index.seen),
             self.encoder_errors.illegal.eq(encoder.illegals),
@@ -182,19 +198,31 @@ class Motion(wiring.Component):
         with m.If(take):
             m.d.sync += self.encoder_fault.eq(fault_now)
 
-        m.submodules.driver = driver = Pwm()
-        m.d.comb += [
-            driver.period.eq(self.settings.motor_period),
-            driver.duty.eq(self.settings.motor_duty),
-            driver.brake.eq(self.settings.motor_brake),
-            self.pwm.eq(driver.pwm),
-            self.direction.eq(driver.direction),
-            self.brake.eq(driver.braking),
-        ]
-
         m.submodules.milliseconds = milliseconds = Milliseconds()
+        m.submodules.motor = motor = MotorControl()
         m.submodules.enable = enable = Interlock()
-        whole = Signal()
+        m.d.comb += [
+            motor.settings.eq(self.settings),
+            motor.clock_hz.eq(self.clock_hz),
+            motor.tick.eq(milliseconds.tick),
+            motor.alive.eq(enable.state.alive),
+            self.pwm.eq(motor.pwm),
+            self.direction.eq(motor.direction),
+            self.brake.eq(motor.brake),
+            self.speed.eq(motor.speed),
+            self.motor_state.eq(motor.state),
+            self.motor_cause.eq(motor.cause),
+        ]
+        for name in ("count", "edge", "backward", "illegal", "age"):
+            m.d.comb += getattr(motor, name).eq(getattr(encoder, name))
+        for name in ("passed", "pass_count", "zero_count", "seen", "wrong", "difference"):
+            m.d.comb += getattr(motor, name).eq(getattr(index, name))
+
+        # Light needs what is asked for of speed and angle.
+        asked, permitted = settings.laser_conditions, Signal()
+        m.d.comb += permitted.eq((~asked[0] | motor.state.in_band) & (~asked[1] | motor.state.in_sector))
+        whole, steady = Signal(), Signal()
+        safety = Signal(data.StructLayout(dict.fromkeys(SAFETY, 8)))
         m.d.comb += [
             milliseconds.clock_hz.eq(self.clock_hz),
             enable.interlock.eq(self.interlock),
@@ -202,13 +230,24 @@ class Motion(wiring.Component):
             enable.arm.eq(self.arm),
             enable.key.eq(self.arm_key),
             enable.renew.eq(self.renew),
-            enable.lease_ms.eq(self.settings.laser_lease_ms),
-            enable.delay_ms.eq(self.settings.laser_delay_ms),
+            enable.lease_ms.eq(settings.laser_lease_ms),
+            enable.delay_ms.eq(settings.laser_delay_ms),
+            enable.sound.eq(~motor.state.stopped),
+            enable.permitted.eq(permitted),
             self.laser.eq(enable.laser),
             self.lamp.eq(enable.lamp),
             self.laser_state.eq(enable.state),
             self.laser_cause.eq(enable.cause),
             self.laser_on_whole_frame.eq(whole & enable.state.emitting),
+            self.speed_in_band_whole_frame.eq(steady & motor.state.in_band),
+            safety.laser_state.eq(enable.state.as_value()),
+            safety.laser_cause.eq(enable.cause),
+            safety.motor_state.eq(motor.state.as_value()),
+            safety.motor_cause.eq(motor.cause),
+            self.safety.eq(safety),
         ]
-        m.d.sync += whole.eq((whole | self.frame_first) & enable.state.emitting)
+        m.d.sync += [
+            whole.eq((whole | self.frame_first) & enable.state.emitting),
+            steady.eq((steady | self.frame_first) & motor.state.in_band),
+        ]
         return m

@@ -10,8 +10,19 @@ from gateware.motion.milliseconds import Milliseconds
 from magtrak.protocol import LASER_KEY, LaserCause
 from tests.support.trace import trace
 
-OUTPUTS = ("laser", "lamp", "cause", "state.emitting", "state.armed", "state.closed", "state.alive")
-IDLE = {"interlock": 1, "tick": 0, "arm": 0, "key": 0, "renew": 0, "lease_ms": 10, "delay_ms": 3}
+OUTPUTS = ("laser", "lamp", "cause", "state.emitting", "state.armed", "state.closed", "state.alive", "state.permitted")
+IDLE = {"interlock": 1, "tick": 0, "arm": 0, "key": 0, "renew": 0}
+IDLE |= {"lease_ms": 10, "delay_ms": 3, "sound": 1, "permitted": 1}
+    "interlock": 1,
+    "tick": 0,
+    "arm": 0,
+    "key": 0,
+    "renew": 0,
+    "lease_ms": 10,
+    "delay_ms": 3,
+    "sound": 1,
+    "permitted": 1,
+}
 
 
 def check(stimulus):
@@ -22,14 +33,15 @@ def check(stimulus):
     closed = [0] * SYNCHRONISER_STAGES + [values["interlock"] for values in stimulus]
     silent, alive = None, [False] * 3
     for clock, values in enumerate(stimulus):
-        laser = now.emitting and all(closed[clock : clock + SYNCHRONISER_STAGES + 1])
+        laser = now.emitting and now.permitted and all(closed[clock : clock + SYNCHRONISER_STAGES + 1])
         assert (got["laser"][clock], got["lamp"][clock]) == (laser, now.armed), clock
-        assert got["state.emitting"][clock] == (now.emitting and closed[clock]), clock
+        assert got["state.emitting"][clock] == (now.emitting and now.permitted and closed[clock]), clock
         assert (got["state.armed"][clock], got["state.alive"][clock]) == (now.armed, now.alive), clock
         assert got["state.closed"][clock] == closed[clock]
         assert got["cause"][clock] == now.cause, clock
         if got["laser"][clock]:
             assert values["interlock"] and got["lamp"][clock] and any(alive[-3:])
+            assert clock and stimulus[clock - 1]["sound"] and stimulus[clock - 1]["permitted"]
         silent = 0 if values["renew"] else None if silent is None else silent + values["tick"]
         alive.append(values["renew"] or (silent is not None and silent < values["lease_ms"]))
         now = Interlock.reference(
@@ -40,6 +52,8 @@ def check(stimulus):
             renew=bool(values["renew"]),
             lease_ms=values["lease_ms"],
             delay_ms=values["delay_ms"],
+            sound=bool(values["sound"]),
+            permitted=bool(values["permitted"]),
         )
     return got
 
@@ -83,6 +97,20 @@ def test_opening_the_interlock_acts_at_once_and_needs_a_new_arming():
     assert got["laser"][-1], "it can be armed again"
 
 
+def test_fault_of_the_motor_disarms_and_needs_a_new_arming():
+    got = check([*armed(), {}, {"sound": 0}, *[{}] * 3, ARM, *[TICK] * 4, {}, {}])
+    assert got["laser"][9:17] == [1, 1, 0, 0, 0, 0, 0, 0]
+    assert got["cause"][12] == LaserCause.MOTOR
+    assert got["laser"][-1], "it can be armed again"
+
+
+def test_conditions_are_a_shutter():
+    """Light goes a clock after they do, and comes back with them; the lamp stays on."""
+    got = check([*armed(), {}, {"permitted": 0}, {"permitted": 0}, {}, {}, {}])
+    assert got["laser"][9:] == [1, 1, 0, 0, 1, 1]
+    assert all(got["lamp"][9:])
+
+
 def test_lease_lapses_and_coming_back_does_not_arm():
     got = check([*armed(), *[TICK] * 6, {}, {}, {}, {"renew": 1}, *[TICK] * 3])
     tenth = 9 + 5  # four ticks have come before
@@ -98,7 +126,11 @@ def test_renewal_keeps_it_on():
 
 @pytest.mark.parametrize(
     ("missing", "cause"),
-    [({"interlock": 0}, LaserCause.INTERLOCK), ({"renew": 0}, LaserCause.LEASE)],
+    [
+        ({"interlock": 0}, LaserCause.INTERLOCK),
+        ({"renew": 0}, LaserCause.LEASE),
+        ({"sound": 0}, LaserCause.MOTOR),
+    ],
 )
 def test_arming_is_refused(missing, cause):
     got = check([missing] * 3 + [ARM | missing] + [TICK | missing] * 9)
@@ -126,9 +158,11 @@ def test_random_events(seed):
     rng = random.Random(seed)
     print(f"seed {seed}")
     stimulus = []
-    interlock, lease_ms, delay_ms = 1, 10, 3
+    interlock, sound, permitted, lease_ms, delay_ms = 1, 1, 1, 10, 3
     for _ in range(8000):
         interlock ^= rng.random() < (0.004 if interlock else 0.2)
+        sound ^= rng.random() < (0.002 if sound else 0.2)
+        permitted ^= rng.random() < (0.02 if permitted else 0.2)
         if rng.random() < 0.005:
             lease_ms, delay_ms = rng.choice([0, 1, 5, 30]), rng.choice([0, 1, 3])
         stimulus.append(
@@ -140,6 +174,8 @@ def test_random_events(seed):
                 "renew": rng.random() < 0.1,
                 "lease_ms": lease_ms,
                 "delay_ms": delay_ms,
+                "sound": sound,
+                "permitted": permitted,
             }
         )
     got = check(stimulus)

@@ -9,7 +9,7 @@ from gateware.motion import Motion
 from gateware.motion.angle import AngleLatch, EdgeLog
 from gateware.motion.index import Index
 from gateware.motion.quadrature import Quadrature
-from magtrak.protocol import EDGE, LASER_KEY, MAX_EDGES
+from magtrak.protocol import EDGE, LASER_KEY, MAX_EDGES, MotorMode
 from tests.support.motion import PHASES, barrier, bounce, encoder, wander
 from tests.support.trace import trace
 
@@ -138,10 +138,11 @@ def test_swap_and_invert_move_nothing():
 
 
 def test_motor_pins():
-    stimulus = [{"settings.motor_period": 64, "settings.motor_duty": -16384} for _ in range(600)]
+    drive = {"settings.motor_mode": MotorMode.DUTY, "settings.motor_period": 64, "settings.motor_duty": -16384}
+    stimulus = [dict(drive) for _ in range(600)]
     stimulus[400]["settings.motor_brake"] = 1
     got = trace(Motion(), stimulus, ["pwm", "direction", "brake"])
-    assert sum(got["pwm"][208:400]) == 96 and all(got["direction"][208:])
+    assert sum(got["pwm"][208:400]) == 96 and all(got["direction"][208:400])
     assert got["brake"] == [0] * 401 + [1] * 199 and not any(got["pwm"][401:])
 
 
@@ -160,5 +161,5 @@ def test_laser_pins_and_the_image_they_light():
     assert not any(got["lamp"][:21]) and all(got["lamp"][21:250])
     whole = got["laser_on_whole_frame"]
     assert (whole[99], whole[199], whole[299], whole[399]) == (0, 1, 0, 0)
-    assert got["laser_state"][240] == 0b1111 and got["laser_state"][-1] == 0b1100
+    assert got["laser_state"][240] == 0b111111 and got["laser_state"][-1] == 0b111100
     assert got["laser_cause"][-1] == 2

@@ -34,17 +34,16 @@ def waveform(settings, periods):
 
 
 def check(changes, clocks):
-    """Run with settings that change at given clocks."""
+    """Run sign-magnitude with settings that change at given clocks."""
     values, stimulus, current = {}, [], (0, 0)
     for clock in range(clocks):
         current = changes.get(clock, current)
         values[clock] = current
-        stimulus.append({"period": current[0], "duty": current[1]})
+        stimulus.append({"period": current[0], "duty": current[1], "enable": 1})
     got = trace(Pwm(), stimulus, OUTPUTS)
     pwm, direction = waveform(lambda start: values.get(start - 1, current), clocks // SHORTEST_PERIOD + 2)
     assert got["pwm"] == pwm[:clocks]
-    # The direction has no output register: it turns in the middle of the period itself.
-    assert got["direction"] == direction[1 : clocks + 1]
+    assert got["direction"] == direction[:clocks]
     assert not any(got["braking"])
     return got
 
@@ -90,14 +89,14 @@ def test_random_settings(seed):
 
 def test_longest_period():
     start = 2 * SHORTEST_PERIOD + REGISTER
-    pwm = trace(Pwm(), [{"period": 65535, "duty": 32767}] * (start + 65536), ("pwm",))["pwm"]
+    pwm = trace(Pwm(), [{"period": 65535, "duty": 32767, "enable": 1}] * (start + 65536), ("pwm",))["pwm"]
     high = Pwm.reference(65535, 32767)
     assert high == 65533
     assert pwm == [0] * start + [1] * high + [0, 0] + [1]
 
 
 def test_brake_acts_at_once_and_ends_at_a_period():
-    stimulus = [{"period": 100, "duty": 20000, "brake": 300 <= clock < 340} for clock in range(700)]
+    stimulus = [{"period": 100, "duty": 20000, "enable": 1, "brake": 300 <= clock < 340} for clock in range(700)]
     got = trace(Pwm(), stimulus, OUTPUTS)
     free = trace(Pwm(), [{**values, "brake": 0} for values in stimulus], OUTPUTS)
     assert got["braking"] == [int(300 <= clock - 1 < 340) for clock in range(700)]
@@ -105,3 +104,40 @@ def test_brake_acts_at_once_and_ends_at_a_period():
     start = next(clock for clock in range(340, 700) if not free["pwm"][clock - 1] and free["pwm"][clock])
     assert not any(got["pwm"][301:start])
     assert got["pwm"][start:] == free["pwm"][start:]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_locked_antiphase_switches_the_direction(seed):
+    """In every period of settings that stay, the direction is low for exactly as long as the definition says."""
+    rng = random.Random(seed)
+    print(f"seed {seed}")
+    for _ in range(6):
+        period, duty = rng.randrange(16, 300), rng.choice([rng.randrange(-32768, 32768), 0, 32767, -32768])
+        start = 2 * SHORTEST_PERIOD + REGISTER + period
+        stimulus = [{"period": period, "duty": duty, "enable": 1, "antiphase": 1}] * (start + 3 * period)
+        got = trace(Pwm(), stimulus, OUTPUTS)
+        low = Pwm.reference(period, duty, antiphase=True)
+        assert got["direction"][-3 * period :] == ([0] * low + [1] * (period - low)) * 3 or low in (0, period)
+        assert got["direction"][-period:].count(0) == low
+        assert all(got["pwm"][start:])
+
+
+def test_locked_antiphase_by_hand():
+    assert Pwm.reference(1000, 0, antiphase=True) == 500
+    assert Pwm.reference(1000, 32767, antiphase=True) == 999
+    assert Pwm.reference(1000, -32767, antiphase=True) == 0
+
+
+def test_bridge_is_off_without_enable():
+    """At once, and back at the start of a period, in both kinds."""
+    for antiphase in (0, 1):
+        stimulus = [
+            {"period": 64, "duty": 30000, "antiphase": antiphase, "enable": int(not 300 <= clock < 310)}
+            for clock in range(500)
+        ]
+        got = trace(Pwm(), stimulus, OUTPUTS)
+        assert got["pwm"][250:301].count(1) > 40
+        back = got["pwm"].index(1, 301)
+        assert not any(got["pwm"][301:back]) and not any(got["direction"][301:back])
+        assert (back - REGISTER - 2 * SHORTEST_PERIOD) % 64 == 0
+        assert not any(got["braking"])

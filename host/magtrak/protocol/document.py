@@ -72,7 +72,13 @@ def render() -> str:
     parts += ["### Full row\n", _layout(packets.FULL_ROW)]
     parts += ["### Detectors\n", _enum(registers.Detector)]
     parts += ["### Choices\n", _enum(registers.Choice)]
-    parts += ["### Laser causes\n", _enum(registers.LaserCause)]
+    for title, kind in (
+        ("Laser causes", registers.LaserCause),
+        ("Motor modes", registers.MotorMode),
+        ("Motor causes", registers.MotorCause),
+        ("Index policies", registers.IndexPolicy),
+    ):
+        parts += [f"### {title}\n", _enum(kind)]
     doc = (registers.__doc__ or "").split("\n\n", 1)[1]
     parts += ["## Registers\n", doc]
     rows = []

@@ -66,7 +66,8 @@ FRAME_FLAGS = Layout(
         Field("encoder_fault", 1, "an illegal transition or a wrong count per turn since the frame before"),
         Field("camera_fault", 1, "the image broke the camera's contract: see camera_errors"),
         Field("rows_lost", 1, "the image had more rows than the card stores; the first ones are here"),
-        Field("_reserved", 10),
+        Field("motor_stopped", 1, "a fault has stopped the motor: see motor_cause"),
+        Field("_reserved", 9),
     ),
 )
 
@@ -111,7 +112,7 @@ FRAME = Layout(
         Field("encoder_errors", 32, "since reset: see encoder errors"),
         Field("damaged_commands", 16, "commands since reset that were not intact, saturating"),
         Field("index_passes", 16, "passes of the index since reset, modulo 65536"),
-        Field("index_count", 32, "count latched at the last pass of the index", "counts", signed=True),
+        Field("index_count", 32, "the zero of the angle, a count, as index_policy has it", "counts", signed=True),
         Field("exposure_us", 32, "exposure as the settings have it", "us"),
         Field("time_offset_ns", 32, "time offset as the settings have it", "ns", signed=True),
         Field("first_time", 64, "arrival of column 0 of the first row", "clocks since reset"),

@@ -56,6 +56,44 @@ class Choice(enum.IntEnum):
     STRONGEST = 0
 
 
+class IndexPolicy(enum.IntEnum):
+    """What a pass of the index does to the zero of the angle. The count runs on: the edges of a frame need that."""
+
+    RESET = 0  # each pass is the zero anew
+    LATCH = 1  # none moves it; passes are latched and checked
+    FIRST = 2  # the first one since the policy was written is the zero
+
+
+class MotorMode(enum.IntEnum):
+    """What the motor does."""
+
+    OFF = 0
+    DUTY = 1  # open loop, motor_duty
+    SPEED = 2  # turns at motor_speed
+    SWEEP = 3  # between sweep_low and sweep_high
+    SEARCH = 4  # turns until the index passes, then stands
+
+
+class Bridge(enum.IntEnum):
+    """What the motor's H-bridge wants."""
+
+    SIGN_MAGNITUDE = 0
+    LOCKED_ANTIPHASE = 1
+
+
+class MotorCause(enum.IntEnum):
+    """What stopped the motor."""
+
+    NONE = 0
+    STALL = 1
+    RUNAWAY = 2
+    ENCODER = 3
+    TURN = 4
+    INDEX_MISSING = 5
+    SEARCH = 6
+    LEASE = 7
+
+
 class LaserCause(enum.IntEnum):
     """Why the laser is not armed."""
 
@@ -63,6 +101,7 @@ class LaserCause(enum.IntEnum):
     COMMAND = 1
     INTERLOCK = 2
     LEASE = 3
+    MOTOR = 4
 
 
 @dataclass(frozen=True)
@@ -210,13 +249,72 @@ REGISTERS: tuple[Register, ...] = (
     _now("index_invert", 0x0302, 1, "1: the index barrier is active low"),
     _now("counts_per_turn", 0x0303, 24, "encoder counts of one turn, to check every turn; 0: no check", "counts"),
     _card("count", 0x0304, 32, "encoder count", "counts", signed=True),
-    _card("index_count", 0x0305, 32, "count at the last pass of the index", "counts", signed=True),
+    _card("index_count", 0x0305, 32, "the zero of the angle, a count, as index_policy has it", "counts", signed=True),
     _card("index_passes", 0x0306, 16, "passes of the index since reset, modulo 65536"),
     _card("encoder_errors", 0x0307, 32, "see encoder errors"),
+    _now("index_policy", 0x0308, 2, "an IndexPolicy: 0 reset, 1 latch only, 2 first pass only", high=max(IndexPolicy)),
+    _card("pass_count", 0x0309, 32, "count at the last pass of the index", "counts", signed=True),
+    _card("index_difference", 0x030A, 32, "counts by which the last turn was off", "counts", signed=True),
+    _card("speed", 0x030B, 32, "speed of the encoder", "1/256 counts/s", signed=True),
     # Motor.
     _now("motor_period", 0x0320, 16, "period of the PWM, at least 16", "clocks", init=1024, low=16),
     _now("motor_duty", 0x0321, 16, "duty and direction", "1/32768", signed=True, low=-32767),
     _now("motor_brake", 0x0322, 1, "1: brake output on, PWM off"),
+    _now("motor_mode", 0x0323, 3, "a MotorMode; 0 also lets a motor that was stopped start again", high=max(MotorMode)),
+    _now("motor_bridge", 0x0324, 1, "a Bridge: 0 sign-magnitude, 1 locked anti-phase"),
+    _now("motor_speed", 0x0325, 32, "speed wanted", "1/256 counts/s", signed=True, low=-(2**31) + 1),
+    _now(
+        "motor_acceleration",
+        0x0326,
+        24,
+        "the most by which the wanted speed changes",
+        "1/256 counts/s per ms",
+        init=256,
+    ),
+    _now("motor_kp", 0x0327, 24, "proportional gain", "1/65536 duty (1/32768) per count/s"),
+    _now("motor_ki", 0x0328, 24, "integral gain, per ms", "1/65536 duty (1/32768) per count/s"),
+    _now("motor_kff", 0x0329, 24, "feed-forward gain", "1/65536 duty (1/32768) per count/s"),
+    _now("motor_friction", 0x032A, 15, "duty added in the direction wanted", "1/32768"),
+    _now("motor_duty_max", 0x032B, 15, "greatest duty of the loop, to either side", "1/32768", init=32767),
+    _now(
+        "sweep_low", 0x032C, 32, "where a sweep begins to turn round to forward, from the zero", "counts", signed=True
+    ),
+    _now(
+        "sweep_high", 0x032D, 32, "where a sweep begins to turn round to backward, from the zero", "counts", signed=True
+    ),
+    _now("motor_search", 0x032E, 24, "how far the index is looked for in each direction; 0: without end", "counts"),
+    _now(
+        "motor_watch",
+        0x032F,
+        5,
+        "faults that stop the motor: bit 0 stall, 1 run-away, 2 encoder, 3 index, 4 lease",
+        init=31,
+    ),
+    _now(
+        "motor_stall_ms",
+        0x0330,
+        16,
+        "a driven motor that moves less than 2 counts for so long is stalled",
+        "ms",
+        init=300,
+    ),
+    _now(
+        "motor_runaway",
+        0x0331,
+        16,
+        "edges in a row against the wanted direction that are a run-away",
+        "counts",
+        init=64,
+    ),
+    _now("motor_speed_max", 0x0332, 31, "a greater speed is a run-away", "1/256 counts/s", init=2**31 - 1),
+    _now(
+        "encoder_tolerance", 0x0333, 8, "illegal transitions that are tolerated; one is forgotten every 128 ms", init=8
+    ),
+    _now("index_tolerance", 0x0334, 8, "counts by which a turn may be off", "counts", init=4),
+    _now("speed_low", 0x0335, 31, "the band: least magnitude of the speed", "1/256 counts/s"),
+    _now("speed_high", 0x0336, 31, "the band: greatest magnitude of the speed", "1/256 counts/s", init=2**31 - 1),
+    _card("motor_state", 0x0337, 8, "bit 0 stopped by a fault, 1 index found, 2 speed in band, 3 angle in sector"),
+    _card("motor_cause", 0x0338, 8, "a MotorCause: what stopped the motor since it was last started"),
     # Laser.
     Register(
         "laser_arm",
@@ -236,13 +334,28 @@ REGISTERS: tuple[Register, ...] = (
         low=10,
     ),
     _now("laser_delay_ms", 0x0342, 16, "time from arming to emission; the lamp is on meanwhile", "ms", init=100),
-    _card("laser_state", 0x0343, 8, "bit 0 emitting, 1 armed, 2 interlock closed, 3 lease alive"),
+    _card(
+        "laser_state",
+        0x0343,
+        8,
+        "bit 0 emitting, 1 armed, 2 interlock closed, 3 lease alive, 4 motor not stopped by a fault, 5 permitted by"
+        " laser_conditions",
+    ),
     _card(
         "laser_cause",
         0x0344,
         8,
         "a LaserCause: why the laser was disarmed last, or could not be armed",
     ),
+    _now(
+        "laser_conditions",
+        0x0345,
+        2,
+        "what else the light needs, and goes out without until it is back: bit 0 speed in band, 1 angle in sector",
+    ),
+    _now("sector_low", 0x0346, 32, "the sector: first count, from the zero", "counts", signed=True),
+    _now("sector_high", 0x0347, 32, "the sector: last count, from the zero", "counts", signed=True),
+    _card("safety", 0x0348, 32, "laser_state, laser_cause, motor_state and motor_cause, 8 bits each, in one reading"),
 )
 
 
