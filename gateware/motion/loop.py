@@ -69,7 +69,7 @@ class SpeedLoop(wiring.Component):
     duty: Out(signed(16))
     done: Out(1)
 
-    latency = 3 * (GAIN_BITS + 3) + 5
+    latency = 3 * (GAIN_BITS + 2) + 6
 
     @staticmethod
     def reference(now: Loop, *, target: int, speed: int, kp: int, ki: int, kff: int, friction: int, limit: int) -> Loop:

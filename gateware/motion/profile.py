@@ -34,7 +34,7 @@ class Profile(wiring.Component):
     ``target`` moves by at most ``acceleration`` a step, so a reversal is a parabola. Outside these modes it follows the
     measured speed: closing the loop makes no jump.
 
-    Latency 3 clocks from ``step`` to ``done``; at most a step in 4 clocks.
+    Latency 4 clocks from ``step`` to ``done``; at most a step in 4 clocks.
 
     Members
     -------

@@ -62,6 +62,10 @@ def any_facts(rng, shape):
     return values
 
 
+FLAGS = ("laser_on", "speed_in_band", "motor_stopped")
+"""Facts of the image that are flags of its header."""
+
+
 class Image:
     """One image: everything that the header and the rows are to say."""
 
@@ -83,13 +87,14 @@ class Image:
                 "index_seen": self.motion["index_seen"],
                 "speed_in_band": self.image["speed_in_band"],
                 "laser_on": self.image["laser_on"],
+                "motor_stopped": self.image["motor_stopped"],
                 "encoder_fault": self.motion["encoder_fault"],
                 "camera_fault": int(errors != 0),
                 "rows_lost": int(len(self.rows) > MAX_ROWS),
             }
         )
         header = {
-            **{name: value for name, value in self.image.items() if name not in ("laser_on", "speed_in_band")},
+            **{name: value for name, value in self.image.items() if name not in FLAGS},
             **{name: self.motion[name] for name in ("edges", "edge_shift", "index_passes", "index_count")},
             **{f"first_{name}": value for name, value in self.motion["first"].items()},
             **{f"last_{name}": value for name, value in self.motion["last"].items()},

@@ -8,6 +8,7 @@ import pytest
 
 from gateware.motion.index import Index
 from gateware.motion.quadrature import Quadrature
+from magtrak.protocol import IndexPolicy
 from tests.support.motion import barrier, bounce, encoder, wander
 from tests.support.trace import trace
 
@@ -159,3 +160,25 @@ def test_random_noise(debounce):
     print(f"seed {seed}")
     levels, moves = shaft(wander(rng, 4000, 5.0, 0.3, -30, 90), turn=100, width=5)
     run(bounce(rng, levels, 12), moves, debounce, invert=bool(debounce % 2), counts_per_turn=100)
+
+
+def test_policies_of_the_zero():
+    """Reset follows each pass, latch none, first only the first since it was written; all else is the same."""
+    levels, moves = shaft(ramp(0, 4200), turn=1000)
+    edges = {move.time: move for move in moves}
+    zeros = {}
+    for policy in IndexPolicy:
+        stimulus = [{"valid": 1, "level": level, "time": time, "edge": 0} for time, level in enumerate(levels)]
+        for time, move in edges.items():
+            stimulus[time] |= {"count": move.count, "edge": 1, "backward": move.backward}
+        stimulus[0] |= {"debounce": 3, "policy": policy}
+        if policy is IndexPolicy.FIRST:
+            stimulus[16_400]["policy"], stimulus[17_000]["policy"] = IndexPolicy.RESET, IndexPolicy.FIRST
+        got = trace(Index(), stimulus, ("zero_count", "passes", "pass_count"))
+        assert got["passes"][-1] == 5 and got["pass_count"][-1] == 4010
+        zeros[policy] = sorted(set(got["zero_count"]))
+    assert zeros == {
+        IndexPolicy.RESET: [0, 10, 1010, 2010, 3010, 4010],
+        IndexPolicy.LATCH: [0],
+        IndexPolicy.FIRST: [0, 10, 3010],
+    }

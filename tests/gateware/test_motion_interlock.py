@@ -13,16 +13,6 @@ from tests.support.trace import trace
 OUTPUTS = ("laser", "lamp", "cause", "state.emitting", "state.armed", "state.closed", "state.alive", "state.permitted")
 IDLE = {"interlock": 1, "tick": 0, "arm": 0, "key": 0, "renew": 0}
 IDLE |= {"lease_ms": 10, "delay_ms": 3, "sound": 1, "permitted": 1}
-    "interlock": 1,
-    "tick": 0,
-    "arm": 0,
-    "key": 0,
-    "renew": 0,
-    "lease_ms": 10,
-    "delay_ms": 3,
-    "sound": 1,
-    "permitted": 1,
-}
 
 
 def check(stimulus):
