@@ -61,6 +61,7 @@ def main(out: Path, scene: str) -> None:
     out.mkdir(parents=True, exist_ok=True)
     link, calibration = out / "card", out / "calibration.json"
     cloud, truth = out / "scan.ply", out / "scan-truth.npz"
+    settings, paper_settings = out / "scan.toml", out / "paper.toml"
     paper, paper_truth = out / "paper.ply", out / "paper-truth.npz"
     card = ["magtrak-sim", "--scene", scene, "--link", f"{link}", "--pace", "max", "--truth"]
     receiver = ["magtrak-recv", "--port", f"{link}", "--calibration", f"{calibration}", "--output"]
@@ -68,10 +69,12 @@ def main(out: Path, scene: str) -> None:
     judge = ["python", "-m", "sim.evaluate", "--scene", scene, "--truth", f"{truth}", f"{cloud}"]
     compare = ["--compare", f"{paper}", "--compare-truth", f"{paper_truth}"]
     try:
-        call(["python", "-m", "sim.scene", scene, "--calibration", f"{calibration}"])
-        scan([*card, f"{truth}"], [*receiver, f"{cloud}", *picture], link)
+        call(["python", "-m", "sim.scene", scene, "--calibration", f"{calibration}", "--settings", f"{settings}"])
+        scan([*card, f"{truth}"], [*receiver, f"{cloud}", "--settings", f"{settings}", *picture], link)
         print("\nThe same scan in the paper's way: mean of the gated pixels, one bare encoder count for an image.")
-        scan([*card, f"{paper_truth}"], [*receiver, f"{paper}", "--settings", "paper", "--angle", "bare"], link)
+        paper_settings.write_text(settings.read_text() + '[peak]\ndetector = "binary"\n')
+        in_its_way = ["--settings", f"{paper_settings}", "--angle", "bare"]
+        scan([*card, f"{paper_truth}"], [*receiver, f"{paper}", *in_its_way], link)
         call([*judge, *compare])
     except CommandError as error:
         fail(f"{error} failed; what it said is above.")

@@ -11,8 +11,11 @@ half a count after the zero line on.
 import enum
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import floor, pi
 from typing import NamedTuple
+
+import numpy as np
 
 from .trajectory import Segment
 
@@ -76,20 +79,43 @@ class Disc(ABC):
         return events
 
 
+@dataclass(frozen=True)
+class Flaws:
+    """What an encoder has that an ideal one has not.
+
+    Parameters
+    ----------
+    line_error_counts : RMS by which each edge lies off its place on the disc, the same in every turn
+    jitter_s : RMS by which each edge comes early or late
+    seed : of both
+    """
+
+    line_error_counts: float = 0.0
+    jitter_s: float = 0.0
+    seed: int = 0
+
+
 class Encoder(Disc):
-    """A and B of an ideal encoder.
+    """A and B of an encoder.
 
     Parameters
     ----------
     counts_per_turn : edges of A and B in a turn; divisible by 4
     angle_rad : where it stands
+    flaws : none by default
     """
 
-    def __init__(self, counts_per_turn: int, angle_rad: float) -> None:
+    def __init__(self, counts_per_turn: int, angle_rad: float, flaws: Flaws | None = None) -> None:
+        flaws = flaws or Flaws()
         if counts_per_turn < 4 or counts_per_turn % 4:
             raise ValueError(f"the counts of a turn have to be a positive multiple of 4, not {counts_per_turn}")
         self.counts_per_turn = counts_per_turn
         self._pitch = 2 * pi / counts_per_turn
+        self._rng = np.random.default_rng(flaws.seed)
+        self._jitter_s = flaws.jitter_s
+        # Marks stay in order: no displacement reaches half a count.
+        errors = flaws.line_error_counts * self._rng.standard_normal(counts_per_turn)
+        self.line_errors_counts = np.clip(errors, -0.45, 0.45)
         super().__init__(angle_rad)
 
     @property
@@ -105,11 +131,23 @@ class Encoder(Disc):
     def _level(signal: Signal, count: int) -> int:
         return int(count % 4 in ((1, 2) if signal is Signal.A else (2, 3)))
 
+    def follow(self, segments: Sequence[Segment]) -> list[Event]:
+        """As for any disc, with jitter; within the time of the segments and in the order of the edges."""
+        events = super().follow(segments)
+        if not self._jitter_s or not events:
+            return events
+        start, end = segments[0].start_s, segments[-1].end_s
+        times = np.array([event.time_s for event in events])
+        times += self._jitter_s * self._rng.standard_normal(len(times))
+        times = np.maximum.accumulate(np.clip(times, start, end))
+        return [event._replace(time_s=float(time_s)) for event, time_s in zip(events, times, strict=True)]
+
     def _mark(self, number: int) -> float:
-        return number * self._pitch
+        return (number + float(self.line_errors_counts[number % self.counts_per_turn])) * self._pitch
 
     def _zone(self, angle_rad: float) -> int:
-        return floor(angle_rad / self._pitch)
+        zone = floor(angle_rad / self._pitch)
+        return zone + 1 if angle_rad >= self._mark(zone + 1) else zone - 1 if angle_rad < self._mark(zone) else zone
 
     def _change(self, time_s: float, old: int, new: int) -> Event:
         # Of two neighbouring counts, A changes at odd marks and B at even ones.

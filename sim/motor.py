@@ -6,11 +6,11 @@ made yet; its past stays known for the exposure windows of the rows.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from math import ceil, copysign, exp, log
+from math import ceil, copysign, exp, log, pi, sin
 
 import numpy.typing as npt
 
-from .encoder import Encoder, Event, IndexBarrier, Signal
+from .encoder import Encoder, Event, Flaws, IndexBarrier, Signal
 from .trajectory import Floats, Segment, Trajectory
 
 HISTORY_S = 1.0
@@ -28,10 +28,17 @@ class Drive(ABC):
     angle_rad : where it stands at time 0
     counts_per_turn : of the encoder, after x4 decoding
     index_width_counts : how long the index barrier is high
+    flaws : of the encoder
     """
 
-    def __init__(self, angle_rad: float, counts_per_turn: int, index_width_counts: int = INDEX_WIDTH_COUNTS) -> None:
-        self.encoder = Encoder(counts_per_turn, angle_rad)
+    def __init__(
+        self,
+        angle_rad: float,
+        counts_per_turn: int,
+        index_width_counts: int = INDEX_WIDTH_COUNTS,
+        flaws: Flaws | None = None,
+    ) -> None:
+        self.encoder = Encoder(counts_per_turn, angle_rad, flaws)
         self.index = IndexBarrier(counts_per_turn, index_width_counts, angle_rad)
         self.trajectory = Trajectory(0.0, angle_rad, HISTORY_S)
 
@@ -71,7 +78,8 @@ class MotorParameters:
 
     ``inertia * acceleration = torque_constant * current - viscous * speed - friction * sign(speed)``, with
     ``current = (duty * supply - torque_constant * speed) / resistance``: the winding's inductance is
-    left out, as its time constant is short beside the rotor's.
+    left out, as its time constant is short beside the rotor's. It sets off from standstill when the drive exceeds the
+    stiction. The supply is ``supply_v * (1 + ripple * sin(2 pi ripple_hz t))``.
 
     Parameters
     ----------
@@ -81,6 +89,9 @@ class MotorParameters:
     inertia_kg_m2 : of rotor, gear and laser
     viscous_nm_s : friction that grows with speed
     friction_nm : friction that does not
+    stiction_nm : friction at standstill; not less than ``friction_nm`` counts
+    supply_ripple, ripple_hz : amplitude, as a part of the supply, and frequency
+    load_nm : torque of the load, against positive angles
     """
 
     supply_v: float
@@ -89,6 +100,10 @@ class MotorParameters:
     inertia_kg_m2: float
     viscous_nm_s: float
     friction_nm: float
+    stiction_nm: float = 0.0
+    supply_ripple: float = 0.0
+    ripple_hz: float = 100.0
+    load_nm: float = 0.0
 
     def drive_nm(self, duty: float) -> float:
         """Torque at standstill."""
@@ -113,6 +128,8 @@ class MotorParameters:
 class Motor(Drive):
     """The motor, driven by the card's PWM.
 
+    ``parameters`` may be exchanged between two movements, for a load that changes.
+
     Between steps of at most ``STEP_S`` the speed follows its exact exponential; the angle in between is
     the cubic through exact angles and speeds, which is off by less than 1e-9 of the movement.
     """
@@ -125,8 +142,9 @@ class Motor(Drive):
         angle_rad: float,
         counts_per_turn: int,
         index_width_counts: int = INDEX_WIDTH_COUNTS,
+        flaws: Flaws | None = None,
     ) -> None:
-        super().__init__(angle_rad, counts_per_turn, index_width_counts)
+        super().__init__(angle_rad, counts_per_turn, index_width_counts, flaws)
         self.parameters = parameters
         self.speed_rad_s = 0.0
 
@@ -136,8 +154,9 @@ class Motor(Drive):
         step = (until_s - begin) / steps
         segments = []
         for number in range(steps):
-            new_angle, new_speed = self._step(angle, self.speed_rad_s, duty, step)
             start, end = begin + number * step, until_s if number == steps - 1 else begin + (number + 1) * step
+            ripple = 1 + self.parameters.supply_ripple * sin(pi * self.parameters.ripple_hz * (start + end))
+            new_angle, new_speed = self._step(angle, self.speed_rad_s, duty * ripple, step)
             segments.append(Segment.hermite(start, end, angle, new_angle, self.speed_rad_s, new_speed))
             angle, self.speed_rad_s = new_angle, new_speed
         return segments
@@ -145,8 +164,8 @@ class Motor(Drive):
     def _step(self, angle: float, speed: float, duty: float, length_s: float) -> tuple[float, float]:
         """Angle and speed after a step of constant duty."""
         p = self.parameters
-        drive = p.drive_nm(duty)
-        if speed == 0.0 and abs(drive) <= p.friction_nm:
+        drive = p.drive_nm(duty) - p.load_nm
+        if speed == 0.0 and abs(drive) <= max(p.stiction_nm, p.friction_nm):
             return angle, 0.0
         direction = speed if speed != 0.0 else drive
         final = (drive - (p.friction_nm if direction > 0 else -p.friction_nm)) / p.damping_nm_s

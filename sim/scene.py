@@ -8,7 +8,7 @@ A scene is a file, or the name of one in ``sim/scenes``; every field is explaine
 import json
 import tomllib
 from dataclasses import dataclass, replace
-from math import cos, exp, radians, sin
+from math import cos, degrees, exp, pi, radians, sin
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import click
 import numpy as np
 
 from . import optics
+from .encoder import Flaws
 from .errors import SimError
 from .motor import INDEX_WIDTH_COUNTS, Motor, MotorParameters
 from .optics import Camera, Laser
@@ -23,6 +24,12 @@ from .playback import Playback, steady
 from .surfaces import Box, Cylinder, Floats, Plane, Sphere, Surface
 from .tables import Table
 from .timing import Timing
+
+# The speed loop of a scene's settings: its poles, by placement (kp and ki of a plant of first order).
+LOOP_RAD_S = 25.0
+DAMPING = 0.9
+REVERSALS = 60  # times from full speed to standstill in a scan
+THERE_AND_BACK_S = 2.0  # shorter scans go there only
 
 FOLDER = Path(__file__).parent / "scenes"
 
@@ -65,6 +72,7 @@ class Scene:
     laser: Laser
     counts_per_turn: int
     index_width_counts: int
+    encoder_flaws: Flaws
     motor_parameters: MotorParameters
     motor_start_rad: float
     ambient: Ambient
@@ -127,7 +135,13 @@ class Scene:
 
     def motor(self) -> Motor:
         """A motor that stands where the scene says, for the card's PWM to drive."""
-        return Motor(self.motor_parameters, self.motor_start_rad, self.counts_per_turn, self.index_width_counts)
+        return Motor(
+            self.motor_parameters,
+            self.motor_start_rad,
+            self.counts_per_turn,
+            self.index_width_counts,
+            self.encoder_flaws,
+        )
 
     @property
     def scan_duty(self) -> float:
@@ -136,6 +150,32 @@ class Scene:
         tau = self.motor_parameters.time_constant_s
         lag = tau * (1 - exp(-time_s / tau))  # lost while it gathers speed
         return self.motor_parameters.duty((self.scan.end_rad - self.motor_start_rad) / (time_s - lag))
+
+    def settings(self) -> str:
+        """Settings for the card (TOML) that scan the scene: sweeping, there and back where time allows it, with the speed
+        loop tuned to the motor.
+        """
+        motor = self.motor_parameters
+        low, high = degrees(self.scan.start_rad), degrees(self.scan.end_rad)
+        scan_s = self.scan.frames * self.timing.period_s
+        # From where it stands, past the index, to the far end, and back; reversals last three times as long.
+        back = high - low if scan_s > THERE_AND_BACK_S else 0.0
+        reversal_s = scan_s / REVERSALS
+        speed = (high - degrees(self.motor_start_rad) + back) / (scan_s - 4 * reversal_s)
+        per_deg_s = motor.damping_nm_s / motor.drive_nm(1.0) * pi / 180  # duty
+        tau = motor.time_constant_s
+        return f"""# The scene {self.name}: green laser, closed loop, sweeping.
+[motor]
+mode = "sweep"
+sweep_deg = [{low:.3f}, {high:.3f}]
+speed_deg_s = {speed:.3f}
+acceleration_deg_s2 = {speed / reversal_s:.1f}
+search_deg = 20
+feed_forward = {per_deg_s:.5f}
+friction = {motor.friction_nm / motor.drive_nm(1.0):.5f}
+kp = {per_deg_s * (2 * DAMPING * LOOP_RAD_S * tau - 1):.5f}
+ki = {per_deg_s * LOOP_RAD_S**2 * tau:.5f}
+"""
 
     def playback(self, edge_rate_hz: float) -> Playback:
         """The nominal scan at an exactly constant speed, whatever the PWM."""
@@ -242,6 +282,11 @@ def _scene(name: str, table: Table) -> Scene:
     if counts % 4:
         encoder.fail("counts_per_turn", f"has to be divisible by 4, not {counts}")
     width = encoder.integer("index_width_counts", min(INDEX_WIDTH_COUNTS, counts // 4), high=counts - 1)
+    flaws = Flaws(
+        encoder.number("line_error_counts", 0.0, low=0),
+        encoder.number("jitter_us", 0.0, low=0) * 1e-6,
+        encoder.integer("seed", 0, low=0),
+    )
     encoder.finish()
     motor = table.table("motor")
     parameters = MotorParameters(
@@ -251,6 +296,9 @@ def _scene(name: str, table: Table) -> Scene:
         motor.number("inertia_kg_m2", above=0),
         motor.number("viscous_nm_s", low=0),
         motor.number("friction_nm", low=0),
+        motor.number("stiction_nm", 0.0, low=0),
+        motor.number("supply_ripple", 0.0, low=0),
+        motor.number("ripple_hz", 100.0, above=0),
     )
     start_rad = radians(motor.number("start_deg"))
     motor.finish()
@@ -272,19 +320,22 @@ def _scene(name: str, table: Table) -> Scene:
     scan_table.finish()
     objects = tuple(_object(item) for item in table.tables("object"))
     table.finish()
-    return Scene(name, camera, timing, laser, counts, width, parameters, start_rad, ambient, objects, scan)
+    return Scene(name, camera, timing, laser, counts, width, flaws, parameters, start_rad, ambient, objects, scan)
 
 
 @click.command()
 @click.argument("name")
 @click.option("--calibration", "path", type=click.Path(path_type=Path), required=True, help="JSON file to write.")
+@click.option("--settings", "settings", type=click.Path(path_type=Path), help="TOML file of settings to write as well.")
 @click.option("--exposure", "exposure_ms", type=float, metavar="MS", help="Exposure, if not the scene's.")
-def main(name: str, path: Path, exposure_ms: float | None) -> None:
-    """Write the calibration that belongs to the scene NAME (a ready-made one, or a .toml file)."""
+def main(name: str, path: Path, settings: Path | None, exposure_ms: float | None) -> None:
+    """Write the calibration (and settings) that belong to the scene NAME (a ready-made one, or a .toml file)."""
     try:
         scene = Scene.load(name).override(exposure_ms=exposure_ms)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(scene.calibration(), indent=2) + "\n")
+        if settings is not None:
+            settings.write_text(scene.settings())
     except SimError as error:
         raise click.ClickException(str(error)) from None
     except OSError as error:

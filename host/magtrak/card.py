@@ -10,6 +10,7 @@ from .errors import CardError
 from .frames import DamagedFrameError, Frame, decode_frame
 from .link import Link
 from .protocol import AnswerCode, Packet, PacketType, Register, register
+from .safety import Safety
 from .settings import Settings
 
 WINDOW = 8
@@ -19,6 +20,8 @@ ANSWER_TIMEOUT_S = 2.0
 ATTEMPTS = 3
 SILENCE_S = 10.0
 """A card that neither sends nor answers for so long is taken for dead."""
+
+_SAFETY = register("safety").address
 
 _REFUSALS = {
     AnswerCode.UNKNOWN_TYPE: "does not know this kind of command",
@@ -80,6 +83,9 @@ class Card:
         self._lease_s = 1.0
         self._last_command = time.monotonic()
         self._last_packet = time.monotonic()
+        self._card_time_s = self._heard_s = 0.0
+        self._armed = False
+        self._fault: str | None = None
         self.identity = self._greet()
 
     def read(self, name: str) -> int:
@@ -119,13 +125,21 @@ class Card:
 
     def start(self, settings: Settings) -> None:
         """Arm the laser, start the motor, send frames, as the settings have it."""
+        self._fault = None
         if settings.laser.arm:
             self.write("laser_arm", protocol.LASER_KEY)
-        self.write_all([("motor_duty", [settings.motor.duty_word()]), ("run", [1])])
+            self._armed = True
+        mode = settings.motor.mode_word()
+        self.write_all([("motor_duty", [settings.motor.duty_word()]), ("motor_mode", [mode]), ("run", [1])])
+
+    def safety(self) -> Safety:
+        """State of laser and motor, and what ended them last."""
+        return Safety.of(self.read("safety"))
 
     def stop(self) -> None:
         """Laser disarmed, motor off, no more frames."""
-        self.write_all([("laser_arm", [0]), ("motor_duty", [0]), ("run", [0])])
+        self._armed = False
+        self.write_all([("laser_arm", [0]), ("motor_mode", [0]), ("run", [0])])
 
     def frames(self, poll_s: float = 0.1) -> Iterator[Frame | None]:
         """Frames as they come, and None whenever none came for ``poll_s``. Keeps the laser's lease alive.
@@ -135,29 +149,42 @@ class Card:
         EndOfStreamError, LinkError
             The stream ended, after all frames that came.
         CardError
-            The card has fallen silent.
+            The card has fallen silent, or it has stopped laser or motor; in one sentence, why.
         """
         while True:
             self._keep_lease()
             if not self._frames:
                 self._receive(poll_s)
+            if self._fault is not None:
+                raise CardError(self._fault)
             if not self._frames:
                 if time.monotonic() - self._last_packet > SILENCE_S:
                     raise CardError(f"the card at {self.link.port} fell silent: switch it off and on, then start again")
                 yield None
                 continue
             try:
-                yield decode_frame(self._frames.popleft().payload)
+                frame = decode_frame(self._frames.popleft().payload)
             except DamagedFrameError:
                 self.damaged_frames += 1
+                continue
+            self._card_time_s = frame.header["last_time"] / self.identity.clock_hz
+            if frame.flags["motor_stopped"]:
+                self._ask_safety()
+            yield frame
 
     def _keep_lease(self) -> None:
-        """Any intact command renews the lease. The answer is not waited for."""
-        if time.monotonic() - self._last_command > min(self._lease_s / 5, 1.0):
-            self._send(_Command(PacketType.READ, register("generation"), register("generation").address, 0))
+        """Any intact command renews the lease; the one that asks how laser and motor are. The answer is not waited
+        for. The card's clock may run faster than this computer's, as the virtual card's does: either counts.
+        """
+        silent_s = max(time.monotonic() - self._last_command, self._card_time_s - self._heard_s)
+        if silent_s > min(self._lease_s / 5, 1.0):
+            self._ask_safety()
+
+    def _ask_safety(self) -> None:
+        self._send(_Command(PacketType.READ, register("safety"), _SAFETY, 0))
 
     def _send(self, command: _Command) -> int:
-        self._last_command = time.monotonic()
+        self._last_command, self._heard_s = time.monotonic(), self._card_time_s
         return self.link.send(command.kind, protocol.COMMAND.pack({"address": command.address, "value": command.value}))
 
     def _receive(self, timeout_s: float) -> dict[str, int] | None:
@@ -169,7 +196,10 @@ class Card:
         if packet.type == PacketType.FRAME:
             self._frames.append(packet)
         elif packet.type == PacketType.ANSWER and len(packet.payload) == protocol.ANSWER.size:
-            return protocol.ANSWER.unpack(packet.payload)
+            answer = protocol.ANSWER.unpack(packet.payload)
+            fault = Safety.of(answer["value"]).fault(self._armed) if answer["address"] == _SAFETY else None
+            self._fault = fault or self._fault
+            return answer
         return None
 
     def _run(self, commands: Sequence[_Command]) -> list[int]:

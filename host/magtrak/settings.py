@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from .errors import SettingsError
 from .gate import hue_table, range_table
+from .motor import Motor, policy_word
 from .protocol import Choice, Detector, register
 
 Values = list[tuple[str, Sequence[int]]]
@@ -70,34 +71,47 @@ class Peak:
 
 
 @dataclass(frozen=True)
-class Motor:
-    """PWM duty with sign, -1 to 1, and frequency of the PWM in Hz."""
-
-    duty: float = 0.25
-    pwm_hz: float = 25_000.0
-
-    def duty_word(self) -> int:
-        """Value of ``motor_duty``."""
-        return round(self.duty * 32767)
-
-
-@dataclass(frozen=True)
 class LaserSwitch:
-    """Whether to arm the laser, how long it stays on without a word from the host, delay before emission, in s."""
+    """Whether to arm the laser, how long it stays on without a word from the host, delay before emission, in s;
+    where it may shine besides: only with the speed in the motor's band, only in a sector (motor angles, degrees from
+    the index; None for all).
+    """
 
     arm: bool = True
     lease_s: float = 1.0
     delay_s: float = 0.1
+    needs_speed: bool = False
+    sector_deg: tuple[float, float] | None = None
+
+    def registers(self, counts_per_turn: int) -> dict[str, int]:
+        """Values of the laser's registers, but for the one that arms it."""
+        values = {
+            "laser_lease_ms": round(1e3 * self.lease_s),
+            "laser_delay_ms": round(1e3 * self.delay_s),
+            "laser_conditions": int(self.needs_speed) | int(self.sector_deg is not None) << 1,
+        }
+        if self.sector_deg is None:
+            return values
+        if not counts_per_turn:
+            raise SettingsError("laser.sector_deg needs encoder.counts_per_turn: give it")
+        low, high = (round(angle * counts_per_turn / 360) for angle in self.sector_deg)
+        return values | {"sector_low": low, "sector_high": high}
 
 
 @dataclass(frozen=True)
 class Encoder:
-    """Counts of a turn (0: as the calibration has it), filter in clocks of the card, wiring."""
+    """Counts of a turn (0: as the calibration has it), filter in clocks of the card, wiring, what a pass of the index
+    does to the zero ("reset", "latch" or "first"), and what is tolerated before a watched motor is stopped: illegal
+    transitions (one is forgotten every 128 ms), and counts by which a turn is off.
+    """
 
     counts_per_turn: int = 0
     filter_clocks: int = 3
     swap: bool = False
     index_invert: bool = False
+    index_policy: str = "reset"
+    tolerance: int = 8
+    index_tolerance: int = 4
 
 
 @dataclass(frozen=True)
@@ -125,7 +139,6 @@ class Settings:
         red, green, blue = (round(256 * part) for part in self.weight.mix)
         values = {
             "run": 0,
-            "motor_duty": 0,
             "weight_r": red,
             "weight_g": green,
             "weight_b": blue,
@@ -148,9 +161,11 @@ class Settings:
             "encoder_swap": int(self.encoder.swap),
             "index_invert": int(self.encoder.index_invert),
             "counts_per_turn": self.encoder.counts_per_turn,
-            "motor_period": round(clock_hz / self.motor.pwm_hz),
-            "laser_lease_ms": round(1e3 * self.laser.lease_s),
-            "laser_delay_ms": round(1e3 * self.laser.delay_s),
+            "index_policy": policy_word(self.encoder.index_policy),
+            "encoder_tolerance": self.encoder.tolerance,
+            "index_tolerance": self.encoder.index_tolerance,
+            **self.motor.registers(clock_hz, self.encoder.counts_per_turn),
+            **self.laser.registers(self.encoder.counts_per_turn),
         }
         for name, value in values.items():
             try:

@@ -11,7 +11,8 @@ from typing import Any
 
 from .checked import Checked
 from .errors import SettingsError
-from .settings import Camera, Encoder, Gate, LaserSwitch, Motor, Peak, Region, Runs, Settings, Weight
+from .motor import BRIDGES, FAULTS, MODES, POLICIES, Motor
+from .settings import Camera, Encoder, Gate, LaserSwitch, Peak, Region, Runs, Settings, Weight
 
 PRESETS = ("green", "red", "green-daylight", "red-daylight", "paper")
 
@@ -108,26 +109,67 @@ def _peak(table: Checked) -> Peak:
 
 
 def _motor(table: Checked) -> Motor:
-    table.only(("duty", "pwm_hz"))
-    return Motor(table.number("duty", -1, 1, Motor.duty), table.number("pwm_hz", 100, 1e6, Motor.pwm_hz))
+    limits = {
+        "duty": (-1.0, 1.0),
+        "pwm_hz": (100.0, 1e6),
+        "speed_deg_s": (-1e5, 1e5),
+        "acceleration_deg_s2": (0.1, 1e6),
+        "search_deg": (0.0, 1e5),
+        "kp": (0.0, 100.0),
+        "ki": (0.0, 1e4),
+        "feed_forward": (0.0, 100.0),
+        "friction": (0.0, 1.0),
+        "duty_max": (0.0, 1.0),
+        "speed_band": (0.0, 1.0),
+        "stall_s": (0.01, 65.0),
+        "runaway_deg": (0.0, 3600.0),
+        "speed_max_deg_s": (0.0, 1e6),
+    }
+    table.only((*limits, "mode", "bridge", "sweep_deg", "watch"))
+    values: dict[str, Any] = {
+        name: table.number(name, low, high, getattr(Motor, name)) for name, (low, high) in limits.items()
+    }
+    values["mode"] = table.choice("mode", MODES, Motor.mode)
+    values["bridge"] = table.choice("bridge", BRIDGES, Motor.bridge)
+    values["sweep_deg"] = _rising(table, "sweep_deg", Motor.sweep_deg)
+    if "watch" in table.values:
+        watch = table.values["watch"]
+        if not isinstance(watch, list) or any(name not in FAULTS for name in watch):
+            table.refuse("watch", f"a list of some of {', '.join(map(repr, FAULTS))}")
+        values["watch"] = tuple(watch)
+    return Motor(**values)
+
+
+def _rising(table: Checked, name: str, default: tuple[float, float]) -> tuple[float, float]:
+    low, high = table.span(name, -1e5, 1e5, default)
+    if low >= high:
+        table.refuse(name, "two angles, the smaller first")
+    return low, high
 
 
 def _laser(table: Checked) -> LaserSwitch:
-    table.only(("arm", "lease_s", "delay_s"))
+    table.only(("arm", "lease_s", "delay_s", "needs_speed", "sector_deg"))
     return LaserSwitch(
         table.boolean("arm", LaserSwitch.arm),
         table.number("lease_s", 0.01, 65.0, LaserSwitch.lease_s),
         table.number("delay_s", 0, 65.0, LaserSwitch.delay_s),
+        table.boolean("needs_speed", LaserSwitch.needs_speed),
+        _rising(table, "sector_deg", (0.0, 0.0)) if "sector_deg" in table.values else None,
     )
 
 
 def _encoder(table: Checked) -> Encoder:
-    table.only(("counts_per_turn", "filter_clocks", "swap", "index_invert"))
+    table.only(
+        ("counts_per_turn", "filter_clocks", "swap", "index_invert", "index_policy", "tolerance", "index_tolerance")
+    )
     return Encoder(
         table.integer("counts_per_turn", 0, 2**24 - 1, Encoder.counts_per_turn),
         table.integer("filter_clocks", 0, 255, Encoder.filter_clocks),
         table.boolean("swap", Encoder.swap),
         table.boolean("index_invert", Encoder.index_invert),
+        table.choice("index_policy", POLICIES, Encoder.index_policy),
+        table.integer("tolerance", 0, 255, Encoder.tolerance),
+        table.integer("index_tolerance", 0, 255, Encoder.index_tolerance),
     )
 
 

@@ -9,7 +9,8 @@ from magtrak import protocol
 from magtrak.card import Card
 from magtrak.errors import CardError, EndOfStreamError
 from magtrak.link import Link
-from magtrak.settings import Motor, Settings
+from magtrak.motor import Motor
+from magtrak.settings import Settings
 from tests.support.fake_card import FakeCard
 from tests.support.frames import CLOCK_HZ, Recorder
 
@@ -81,13 +82,18 @@ def test_settings_are_committed_last_and_nothing_moves_or_shines_before_the_star
         generation = card.apply(settings)
         assert fake.written[-1] == ("commit", generation)
         assert "laser_arm" not in dict(fake.written)
-        assert {value for name, value in fake.written if name in ("motor_duty", "run")} == {0}
+        assert {value for name, value in fake.written if name in ("motor_duty", "motor_mode", "run")} == {0}
         del fake.written[:]
         card.start(settings)
-        assert fake.written == [("laser_arm", protocol.LASER_KEY), ("motor_duty", -16384), ("run", 1)]
+        assert fake.written == [
+            ("laser_arm", protocol.LASER_KEY),
+            ("motor_duty", -16384),
+            ("motor_mode", protocol.MotorMode.DUTY),
+            ("run", 1),
+        ]
         del fake.written[:]
         card.stop()
-        assert fake.written == [("laser_arm", 0), ("motor_duty", 0), ("run", 0)]
+        assert fake.written == [("laser_arm", 0), ("motor_mode", 0), ("run", 0)]
 
 
 def test_refusals_name_register_and_reason() -> None:

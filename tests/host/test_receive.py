@@ -98,7 +98,7 @@ def test_a_wall_is_where_it_is(receiver: Receiver) -> None:
     with FakeCard(wall(), loop_for_ever=True) as card:
         done = receiver.run(card.port, "--frames", "5")
         assert done.returncode == 0
-        assert card.written[-3:] == [("laser_arm", 0), ("motor_duty", 0), ("run", 0)]
+        assert card.written[-3:] == [("laser_arm", 0), ("motor_mode", 0), ("run", 0)]
     assert done.stdout.startswith("5 frames, 240 points, ")
 
 

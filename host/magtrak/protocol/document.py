@@ -72,16 +72,16 @@ def render() -> str:
     parts += ["### Full row\n", _layout(packets.FULL_ROW)]
     parts += ["### Detectors\n", _enum(registers.Detector)]
     parts += ["### Choices\n", _enum(registers.Choice)]
-    for title, kind in (
+    for heading, causes in (
         ("Laser causes", registers.LaserCause),
         ("Motor modes", registers.MotorMode),
         ("Motor causes", registers.MotorCause),
         ("Index policies", registers.IndexPolicy),
     ):
-        parts += [f"### {title}\n", _enum(kind)]
+        parts += [f"### {heading}\n", _enum(causes)]
     doc = (registers.__doc__ or "").split("\n\n", 1)[1]
     parts += ["## Registers\n", doc]
-    rows = []
+    rows: list[list[str]] = []
     for r in registers.REGISTERS:
         address = f"0x{r.address:04X}" + (f"..{r.address + r.words - 1:04X}" if r.words > 1 else "")
         low, high = r.range
