@@ -26,6 +26,9 @@ MIN_CLOCK_HZ = 6_000_000
 MAX_CLOCK_HZ = 400_000_000
 BYTES_PER_SECOND = 1_200_000  # a UART at 12 Mbaud
 PATIENCE_S = 30.0
+UNHEARD_S = 0.1
+"""Card time without a byte from the host after which the card is no faster than the wall clock, whatever the pace:
+or the host's lease, which counts card time, would lapse while the host is still busy with what it got."""
 
 
 class World(Protocol):
@@ -90,6 +93,8 @@ class VirtualCard:
         self._core.pins(np.array([*levels, (0, INTERLOCK, 1)], PIN))
         self._outputs = Outputs(0, 0, 0, laser=False, lamp=False, run=False)
         self._wall_start = time.monotonic()
+        self._heard_s = 0.0
+        self._heard_at = time.monotonic()
         self.pictures = 0
 
     def close(self) -> None:
@@ -153,7 +158,7 @@ class VirtualCard:
         self._core.pins(np.array(changes, PIN))
 
     def _advance(self, until_s: float) -> None:
-        self._core.send(self._terminal.read())
+        self._listen()
         self._outputs = self._core.run(self._clock(until_s))
         self._pass_on()
         if self._real_time:
@@ -162,6 +167,17 @@ class VirtualCard:
                 time.sleep(ahead)
             else:
                 self._wall_start -= ahead  # the machine is slower than the card: no hurry to catch up
+
+    def _listen(self) -> None:
+        """Pass on what the host says; while the laser is armed, wait for it where card time runs ahead."""
+        data = self._terminal.read()
+        self._core.send(data)
+        if data:
+            self._heard_s, self._heard_at = self._now_s, time.monotonic()
+        elif self._outputs.lamp and not self._real_time:
+            ahead = self._now_s - self._heard_s - UNHEARD_S - (time.monotonic() - self._heard_at)
+            if ahead > 0:
+                time.sleep(ahead)
 
     def _pass_on(self) -> bytes:
         """Give the host what the card has sent; what it does not read backs up into the card."""

@@ -152,8 +152,8 @@ class Scene:
         return self.motor_parameters.duty((self.scan.end_rad - self.motor_start_rad) / (time_s - lag))
 
     def settings(self) -> str:
-        """Settings for the card (TOML) that scan the scene: sweeping, there and back where time allows it, with the speed
-        loop tuned to the motor.
+        """Settings for the card (TOML) that scan the scene: sweeping, there and back where time allows it, with the
+        speed loop tuned to the motor.
         """
         motor = self.motor_parameters
         low, high = degrees(self.scan.start_rad), degrees(self.scan.end_rad)
