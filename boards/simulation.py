@@ -6,7 +6,7 @@ Verilator renames double underscores, so no port has one.
 
 import sys
 
-from amaranth.hdl import Module
+from amaranth.hdl import ClockDomain, ClockSignal, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -29,7 +29,11 @@ _WIRES = {
 
 
 class SimulationTop(wiring.Component):
-    """:class:`~gateware.core.Core`, flat. Clock and reset are the ports ``clk`` and ``rst``.
+    """:class:`~gateware.core.Core`, flat, with the clock ``clk``.
+
+    There is no reset: a simulation starts with every register at its initial value, as an FPGA does after
+    configuration. (A reset port would be an input of nearly all logic, and Verilator would compute that logic twice a
+    clock.)
 
     Parameters
     ----------
@@ -50,6 +54,7 @@ class SimulationTop(wiring.Component):
         self.core = Core(max_columns, max_rows)
         super().__init__(
             {
+                "clk": In(1),
                 "video_valid": In(1),
                 "video_r": In(8),
                 "video_g": In(8),
@@ -70,6 +75,8 @@ class SimulationTop(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        m.domains.sync = ClockDomain(reset_less=True)
+        m.d.comb += ClockSignal().eq(self.clk)
         m.submodules.core = core = self.core
         pixel = core.video.pixel
         m.d.comb += [

@@ -46,20 +46,10 @@ class Card {
         delete context_;
     }
 
-    void reset(uint32_t clock_hz, double bytes_per_clock) {
+    void start(uint32_t clock_hz, double bytes_per_clock) {
         top_->clock_hz = clock_hz;
         in_clock_.rate(bytes_per_clock);
         out_clock_.rate(bytes_per_clock);
-        top_->rst = 1;
-        for (int i = 0; i < 4; i++) edge();
-        top_->rst = 0;
-    }
-
-    void edge() {
-        top_->clk = 0;
-        top_->eval();
-        top_->clk = 1;
-        top_->eval();
     }
 
     void run(uint64_t until) {
@@ -162,7 +152,7 @@ struct Outputs {
 
 Card* card_new(uint32_t clock_hz, double bytes_per_clock) {
     Card* card = new Card;
-    card->reset(clock_hz, bytes_per_clock);
+    card->start(clock_hz, bytes_per_clock);
     return card;
 }
 

@@ -71,17 +71,14 @@ class CardDriver:
     def damaged(self) -> int:
         return self._deframer.damaged
 
-    async def reset(self) -> None:
+    async def start(self) -> None:
         dut = self.dut
         for port in ("video_valid", "video_frame_end", "encoder_a", "encoder_b", "index", "rx_valid", "tx_ready"):
             getattr(dut, port).value = 0
         dut.interlock.value = 1
         dut.clock_hz.value = CLOCK_HZ
-        dut.rst.value = 1
         Clock(dut.clk, PERIOD_NS, unit="ns").start()
-        for _ in range(4):
-            await FallingEdge(dut.clk)
-        dut.rst.value = 0
+        await FallingEdge(dut.clk)
 
     async def link(self) -> None:
         """Background task: moves bytes both ways with random pauses, sorts packets."""

@@ -18,7 +18,7 @@ async def new_card(dut, **options) -> CardDriver:
     seed = cocotb.RANDOM_SEED
     cocotb.log.info("seed %d", seed)
     card = CardDriver(dut, random.Random(seed), **options)
-    await card.reset()
+    await card.start()
     cocotb.start_soon(card.link())
     return card
 

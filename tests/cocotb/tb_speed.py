@@ -18,7 +18,7 @@ ROWS = 60
 @cocotb.test()
 async def test_speed(dut):
     image = picture()[:ROWS].tolist()
-    for port in ("rst", "video_valid", "video_frame_end", "encoder_a", "encoder_b", "index", "rx_valid"):
+    for port in ("video_valid", "video_frame_end", "encoder_a", "encoder_b", "index", "rx_valid"):
         getattr(dut, port).value = 0
     dut.clock_hz.value = CLOCK_HZ
     dut.interlock.value = 1
