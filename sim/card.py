@@ -203,8 +203,10 @@ class VirtualCard:
         """Send what is still in the card, until it has been silent for longer than any packet's start takes."""
         silent = 0
         while silent < 20:
-            self._core.send(self._terminal.read())
-            self._outputs = self._core.run(self._core.clock + self._core.clock_hz // 1000)
+            until_s = self._now_s + 1e-3
+            self._move(until_s)
+            self._listen()
+            self._outputs = self._core.run(self._clock(until_s))
             silent = 0 if self._pass_on() else silent + 1
         if not self._terminal.drain(PATIENCE_S):
             raise SimError(f"All pictures were sent, but the host has not read the rest for {PATIENCE_S:.0f} s.")

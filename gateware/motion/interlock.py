@@ -88,6 +88,12 @@ class Interlock(wiring.Component):
     state: Out(LaserState)
     cause: Out(8)
 
+    def __init__(self) -> None:
+        super().__init__()
+        # One bit more than the settings: counters stop where no setting reaches.
+        self._silent, self._waited = Signal(17), Signal(17)
+        self._heard, self._emitting = Signal(), Signal()
+
     @staticmethod
     def reference(
         now: Arming,
@@ -137,9 +143,9 @@ class Interlock(wiring.Component):
         sampled = Signal()
         m.d.sync += sampled.eq(self.interlock)
 
-        # One bit more than the settings: counters stop where no setting reaches. They are compared a clock later.
-        heard, alive = Signal(), Signal()
-        silent, waited = Signal(17), Signal(17)
+        # The counters are compared a clock later.
+        heard, alive = self._heard, Signal()
+        silent, waited = self._silent, self._waited
         m.d.sync += [
             heard.eq(heard | self.renew),
             alive.eq(self.renew | (heard & (silent < self.lease_ms))),
@@ -149,7 +155,7 @@ class Interlock(wiring.Component):
         with m.Elif(self.tick & ~silent[-1]):
             m.d.sync += silent.eq(silent + 1)
 
-        armed, emitting, ripe, permitted = Signal(), Signal(), Signal(), Signal()
+        armed, emitting, ripe, permitted = Signal(), self._emitting, Signal(), Signal()
         m.d.sync += permitted.eq(self.permitted)
         m.d.comb += ripe.eq(waited > self.delay_ms)
 

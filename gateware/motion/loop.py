@@ -69,6 +69,14 @@ class SpeedLoop(wiring.Component):
     duty: Out(signed(16))
     done: Out(1)
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._integral = Signal(signed(32))  # |32767 * 2**16| < 2**31
+        self._increment = Signal(signed(32))
+        self._candidate = Signal(signed(33))
+        self._proportional, self._forward = Signal(signed(18)), Signal(signed(18))
+        self._wanted = Signal(signed(21))  # 2 * (2**17 - 1) + 2 * 32767 < 2**19
+
     latency = 3 * (GAIN_BITS + 2) + 6
 
     @staticmethod
@@ -88,11 +96,9 @@ class SpeedLoop(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        integral = Signal(signed(32))  # |32767 * 2**16| < 2**31
-        candidate = Signal(signed(33))
-        increment, proportional, forward = Signal(signed(32)), Signal(signed(18)), Signal(signed(18))
+        integral, increment, candidate = self._integral, self._increment, self._candidate
+        proportional, forward, wanted = self._proportional, self._forward, self._wanted
         error = Signal(signed(33))
-        wanted = Signal(signed(21))  # 2 * (2**17 - 1) + 2 * 32767 < 2**19
 
         # A magnitude below 2**32 times a gain below 2**24, lowest bit of the gain first: 33 bits are added, and a bit
         # of the product leaves to the right each step.

@@ -1,0 +1,320 @@
+"""What motion must never do, proved for every sequence of inputs.
+
+``prove``: for ever, by induction. ``bmc``: for every sequence of the stated length from reset on.
+"""
+
+import pytest
+from amaranth.hdl import Assert, Assume, Cat, Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In
+
+from gateware.motion.angle import AngleLatch
+from gateware.motion.interlock import SYNCHRONISER_STAGES, Interlock
+from gateware.motion.loop import _TERM, FULL, SpeedLoop
+from gateware.motion.pwm import SHORTEST_PERIOD, Pwm
+from gateware.motion.quadrature import UNKNOWN, Quadrature
+from magtrak.protocol import LASER_KEY
+from tests.support.formal import ProofError, prove
+
+
+def past(m: Module, value, clocks: int = 1):
+    """``value`` some clocks ago; 0 before reset. Not to be used within a condition: the registers would have it."""
+    for _ in range(clocks):
+        register = Signal.like(value) if isinstance(value, Signal) else Signal(value.shape())
+        m.d.sync += register.eq(value)
+        value = register
+    return value
+
+
+class LaserNeedsEveryCondition(wiring.Component):
+    """No light without all of: closed interlock, live lease, key, sound motor, permission, delay gone by.
+
+    Every input, the settings too, may change in every clock.
+    """
+
+    interlock: In(1)
+    tick: In(1)
+    arm: In(1)
+    key: In(16)
+    renew: In(1)
+    lease_ms: In(16)
+    delay_ms: In(16)
+    sound: In(1)
+    permitted: In(1)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.dut = dut = Interlock()
+        for name in self.signature.members:
+            m.d.comb += getattr(dut, name).eq(getattr(self, name))
+
+        # The conditions, counted once more.
+        heard, keyed, ripe = Signal(), Signal(), Signal()
+        silent, waited = Signal(17), Signal(17)
+        m.d.sync += heard.eq(heard | self.renew)
+        with m.If(self.renew):
+            m.d.sync += silent.eq(0)
+        with m.Elif(self.tick & ~silent[-1]):
+            m.d.sync += silent.eq(silent + 1)
+        alive = Signal()
+        m.d.comb += alive.eq(heard & (silent < self.lease_ms))
+        closed = past(m, self.interlock, SYNCHRONISER_STAGES)
+        key = self.arm & (self.key == LASER_KEY)
+        missing = ~closed | ~(self.renew | past(m, alive) | past(m, self.renew)) | ~self.sound
+        missing |= self.arm & (self.key != LASER_KEY)
+        with m.If(missing):
+            m.d.sync += [keyed.eq(0), ripe.eq(0)]
+        with m.Elif(~keyed):
+            m.d.sync += [keyed.eq(key), waited.eq(0), ripe.eq(0)]
+        with m.Else():
+            m.d.sync += [waited.eq(waited + (self.tick & ~waited[-1])), ripe.eq(ripe | (waited > self.delay_ms))]
+
+        was_closed, sound, permitted = (past(m, pin) for pin in (self.interlock, self.sound, self.permitted))
+        recently = past(m, alive, 2) | past(m, self.renew) | past(m, self.renew, 2)
+        with m.If(dut.laser):
+            m.d.comb += [
+                Assert(self.interlock),
+                Assert(was_closed),
+                Assert(closed),
+                Assert(sound),
+                Assert(permitted),
+                Assert(recently),
+                Assert(keyed),
+                Assert(ripe),
+                Assert(dut.lamp),
+            ]
+        # What makes it inductive: both count alike.
+        m.d.comb += [
+            Assert(silent == dut._silent),
+            Assert(dut.lamp == keyed),
+            Assert(~keyed | (waited == dut._waited)),
+            Assert(dut.state.closed == closed),
+            Assert(dut.state.alive == (past(m, alive) | past(m, self.renew))),
+            Assert(dut._emitting == ripe),
+            Assert(~ripe | keyed),
+            Assert(heard == dut._heard),
+        ]
+        return m
+
+
+class CountIsThePosition(wiring.Component):
+    """Count, direction, age and period of a shaft that moves as it likes, and the latch of them.
+
+    ``move`` and ``backward`` step the shaft by one count; each pin then is stable for ``length`` clocks.
+    """
+
+    move: In(1)
+    backward: In(1)
+    row: In(1)
+
+    def __init__(self, length: int) -> None:
+        self.length = length
+        super().__init__()
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.dut = dut = Quadrature()
+        m.submodules.latch = latch = AngleLatch()
+
+        position, age, period = Signal(signed(32)), Signal(32, init=UNKNOWN), Signal(32, init=UNKNOWN)
+        last_backward = Signal()
+        older = age != UNKNOWN
+        now_position, now_age, now_period = Signal(signed(32)), Signal(32), Signal(32)
+        now_backward = Signal()
+        m.d.comb += [
+            now_position.eq(position + Mux(self.move, Mux(self.backward, -1, 1), 0)),
+            now_age.eq(Mux(self.move, 0, age + older)),
+            now_period.eq(Mux(self.move, age + older, period)),
+            now_backward.eq(Mux(self.move, self.backward, last_backward)),
+        ]
+        m.d.sync += [
+            position.eq(now_position),
+            age.eq(now_age),
+            period.eq(now_period),
+            last_backward.eq(now_backward),
+        ]
+        # 00, 10, 11, 01.
+        a, b = now_position[0] ^ now_position[1], now_position[1]
+        m.d.comb += [dut.a.eq(a), dut.b.eq(b), dut.length.eq(self.length)]
+        for pin in (a, b):
+            before = past(m, pin)
+            for clocks in range(1, self.length):
+                m.d.comb += Assume((pin == before) | (before == past(m, before, clocks)))
+
+        started = Signal(range(8))
+        with m.If(started != 7):
+            m.d.sync += started.eq(started + 1)
+            m.d.comb += Assume(~self.move)  # the level at reset is taken as it is
+        latency = Quadrature.latency(self.length)
+        then = [past(m, value, latency) for value in (now_position, now_age, now_period, now_backward)]
+        filled = past(m, started == 7, latency)
+        with m.If(filled):
+            m.d.comb += [
+                Assert(dut.count == then[0]),
+                Assert(dut.age == then[1]),
+                Assert(dut.period == then[2]),
+                Assert(~dut.edge | (dut.backward == then[3])),
+                Assert(~dut.illegal),
+            ]
+
+        # The latch holds what belonged together in the clock of the strobe.
+        time, kept = Signal(48), Signal(signed(32))
+        kept_time, kept_age, kept_period, taken = Signal(48), Signal(32), Signal(32), Signal()
+        m.d.sync += time.eq(time + 1)
+        m.d.comb += [
+            latch.row_first.eq(self.row & filled),
+            latch.now.time.eq(time),
+            latch.now.count.eq(dut.count),
+            latch.now.age.eq(dut.age),
+            latch.now.period.eq(dut.period),
+        ]
+        with m.If(self.row & filled):
+            m.d.sync += [kept.eq(then[0]), kept_age.eq(then[1]), kept_period.eq(then[2])]
+            m.d.sync += [kept_time.eq(time), taken.eq(1)]
+        with m.If(taken):
+            m.d.comb += [
+                Assert(latch.last.count == kept),
+                Assert(latch.last.age == kept_age),
+                Assert(latch.last.period == kept_period),
+                Assert(latch.last.time == kept_time),
+            ]
+        return m
+
+
+class PulsesAreExact(wiring.Component):
+    """Each period has one pulse, from its start on, as long as the definition says; the duty may change in every clock.
+
+    Where the direction turns there is none, for half a period before and after.
+    """
+
+    duty: In(signed(16))
+    antiphase: In(1)
+
+    def __init__(self, period: int) -> None:
+        self.period = period
+        super().__init__()
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.dut = dut = Pwm()
+        fixed = Signal()  # the kind of bridge does not change
+        m.d.sync += fixed.eq(self.antiphase)
+        first = Signal(init=1)
+        m.d.sync += first.eq(0)
+        m.d.comb += [
+            Assume(first | (self.antiphase == fixed)),
+            dut.duty.eq(self.duty),
+            dut.period.eq(self.period),
+            dut.enable.eq(1),
+            dut.antiphase.eq(self.antiphase),
+        ]
+        # The first two periods after reset are of the shortest length.
+        place, number = Signal(16), Signal(8)
+        length = Mux(number < 2, SHORTEST_PERIOD, self.period)
+        end = place == length - 1
+        m.d.sync += [place.eq(Mux(end, 0, place + 1))]
+        with m.If(end):
+            m.d.sync += number.eq(number + 1)
+        # Taken at the end of a period, in force in the one after the next.
+        taken, rules = Signal(signed(16)), Signal(signed(16))
+        with m.If(end):
+            m.d.sync += [taken.eq(self.duty), rules.eq(taken)]
+        magnitude = Mux(rules == -32768, 32767, Mux(rules < 0, -rules, rules))
+        raised = Cat(rules[1:15], ~rules[15])
+        high = Signal(16)
+        m.d.comb += high.eq(Mux(self.antiphase, raised, magnitude) * self.period >> 15)
+        steady = number >= 2
+        # The output follows the place by a clock.
+        before = past(m, dut.direction)
+        here, was_high, was_steady = past(m, place), past(m, high), past(m, steady)
+        inside = here < was_high
+        turning = Signal()
+        with m.If(end):
+            m.d.sync += turning.eq((taken != 0) & ((taken < 0) != dut.direction))
+        silent = past(m, turning)
+        with m.If(was_steady):
+            with m.If(self.antiphase):
+                m.d.comb += [Assert(dut.pwm), Assert(dut.direction == ~inside)]
+            with m.Else():
+                m.d.comb += [Assert(dut.pwm == (inside & ~silent))]
+                turned = dut.direction != before
+                m.d.comb += Assert(~turned | (silent & (here == (self.period - 1 >> 1) + 1)))
+        return m
+
+
+class LoopNeverWraps(wiring.Component):
+    """Every intermediate value of the speed loop stays within its register, whatever the inputs."""
+
+    start: In(1)
+    active: In(1)
+    target: In(signed(32))
+    speed: In(signed(32))
+    kp: In(24)
+    ki: In(24)
+    kff: In(24)
+    friction: In(15)
+    limit: In(15)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.dut = dut = SpeedLoop()
+        for name in self.signature.members:
+            m.d.comb += getattr(dut, name).eq(getattr(self, name))
+        bound = FULL << 16
+        for value, limit in (
+            (dut._integral, bound),
+            (dut._increment, (1 << 31) - 1),
+            (dut._candidate, bound + (1 << 31) - 1),
+            (dut._proportional, _TERM),
+            (dut._forward, _TERM),
+            (dut._wanted, 2 * _TERM + 2 * FULL),
+            (dut.duty, FULL),
+        ):
+            m.d.comb += Assert((value <= limit) & (value >= -limit))
+        limit, wanted, opened = past(m, self.limit), past(m, dut._wanted), past(m, ~self.active)
+        with m.If(dut.done):
+            m.d.comb += Assert((dut.duty <= limit) & (dut.duty >= -limit))
+            # It saturates on the side of what is wanted.
+            m.d.comb += [
+                Assert((wanted <= limit) | (dut.duty == limit)),
+                Assert((wanted >= -limit) | (dut.duty == -limit)),
+            ]
+        with m.If(opened):
+            m.d.comb += Assert((dut.duty == 0) & (dut._integral == 0))
+        return m
+
+
+def test_laser_is_never_on_with_a_condition_missing():
+    prove(LaserNeedsEveryCondition(), "prove", 4)
+
+
+@pytest.mark.parametrize("length", [1, 3])
+def test_count_and_latches_are_those_of_the_shaft(length):
+    prove(CountIsThePosition(length), "bmc", 18 + 2 * length, timeout_s=300)
+
+
+@pytest.mark.parametrize(("period", "periods"), [(16, 2), (19, 1)])
+def test_pulses_are_exact_and_whole(period, periods):
+    """Beyond the two periods after reset."""
+    prove(PulsesAreExact(period), "bmc", 2 * SHORTEST_PERIOD + periods * period + 3, timeout_s=300)
+
+
+def test_speed_loop_never_wraps():
+    prove(LoopNeverWraps(), "prove", 6)
+
+
+class TrustsTheHost(LaserNeedsEveryCondition):
+    """A property that does not hold: light goes out some clocks after the last command, not before."""
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.dut = dut = Interlock()
+        for name in self.signature.members:
+            m.d.comb += getattr(dut, name).eq(getattr(self, name))
+        m.d.comb += Assert(~dut.lamp | self.renew)
+        return m
+
+
+def test_what_does_not_hold_is_found():
+    with pytest.raises(ProofError, match="TrustsTheHost is not proved"):
+        prove(TrustsTheHost(), "bmc", 8)
