@@ -24,7 +24,7 @@ test: setup ## all checks and tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
 bench: setup ## speed and accuracy beside their peers: a table and build/bench.json
 	$(BIN)/python -m tests.bench
