@@ -9,6 +9,9 @@ from magtrak.protocol import MotorCause
 CHATTER = 8
 """Edges to and fro in a row, of a driven motor, that no shaft makes: one channel of the encoder is dead or noisy."""
 
+OVERSPEED_MS = 8
+"""Measurements in a row above the greatest speed that are a run-away: a stray edge makes one or two."""
+
 SLOWEST = 16 << 8
 """Wanted speeds below 16 counts a second, Q23.8, are standstill for the watch: turning round goes through them."""
 
@@ -31,7 +34,7 @@ class MotorWatch(wiring.Component):
 
     - ``STALL``: less than two counts of way in ``stall_ms`` (up to a millisecond more).
     - ``RUNAWAY``: ``runaway`` edges in a row against the wanted direction (A and B swapped, a motor with wrong
-      polarity), or a speed above ``speed_max`` (a bridge that is stuck).
+      polarity), or a speed above ``speed_max`` for :data:`OVERSPEED_MS` ms (a bridge that is stuck).
     - ``ENCODER``: :data:`CHATTER` edges to and fro, or more than ``encoder_tolerance`` illegal transitions, of which
       one is forgotten every 128 ms.
     - ``TURN``: a turn that is off by more than ``index_tolerance``: a second index, or lost counts.
@@ -103,14 +106,18 @@ class MotorWatch(wiring.Component):
 
         # Run-away.
         astray = Signal(17)
-        fast = Signal()
+        fast, fast_ms = Signal(), Signal(range(OVERSPEED_MS + 1))
         with m.If(~self.moving | ~self.loop):
             m.d.sync += astray.eq(0)
         with m.Elif(self.edge):
             m.d.sync += astray.eq(Mux(self.backward == self.backward_wanted, 0, astray + ~astray[-1]))
         m.d.sync += fast.eq(Mux(self.speed < 0, -self.speed, self.speed) > self.speed_max)
+        with m.If(~fast):
+            m.d.sync += fast_ms.eq(0)
+        with m.Elif(self.tick & (fast_ms != OVERSPEED_MS)):
+            m.d.sync += fast_ms.eq(fast_ms + 1)
         runaway = Signal()
-        m.d.comb += runaway.eq(fast | (astray > self.runaway))
+        m.d.comb += runaway.eq((fast_ms == OVERSPEED_MS) | (astray > self.runaway))
 
         # Encoder.
         before, chatter = Signal(), Signal(range(CHATTER + 1))

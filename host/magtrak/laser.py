@@ -34,15 +34,19 @@ class Laser:
     counts_per_turn: int = 8192
     error_table: Floats = field(default_factory=lambda: np.zeros(0))
 
-    def alpha(self, counts: Floats) -> Floats:
-        """Angles in rad, wrapped to +-pi, of positions in counts from the index (fractions included)."""
+    def corrected(self, counts: Floats) -> Floats:
+        """Positions in counts from the index (fractions included), with the error table's part added."""
         counts = np.asarray(counts, dtype=np.float64)
         if len(self.error_table):
             lines = len(self.error_table)
             closed = np.append(self.error_table, self.error_table[0])
             at = np.mod(counts * (lines / self.counts_per_turn), lines)
             counts = counts + np.interp(at, np.arange(lines + 1), closed)
-        turns = self.sense * counts / self.counts_per_turn + self.zero_rad / (2 * np.pi)
+        return counts
+
+    def alpha(self, counts: Floats) -> Floats:
+        """Angles in rad, wrapped to +-pi, of positions in counts from the index (fractions included)."""
+        turns = self.sense * self.corrected(counts) / self.counts_per_turn + self.zero_rad / (2 * np.pi)
         return np.asarray((turns - np.round(turns)) * (2 * np.pi))
 
     def planes(self, alpha: Floats) -> tuple[Floats, Floats]:
