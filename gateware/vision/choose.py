@@ -1,4 +1,4 @@
-"""The best run of a row, and the next best."""
+"""The best candidate of a row for its peak, and the next best."""
 
 from amaranth.hdl import Module, Signal
 from amaranth.lib import data, stream, wiring
@@ -9,20 +9,20 @@ from .runs import Run
 
 
 class Chosen(data.Struct):
-    """The row's run and its runner-up: its sum, and the sum of its first and last column, twice its middle."""
+    """The run that holds the row's peak, and the runner-up: its strength, and its column in halves."""
 
     found: 1
     run: Run
     second_found: 1
-    second_sum: 20
-    second_ends: 13
+    second_strength: 20
+    second_halves: 13
 
 
 class Choose(wiring.Component):
-    """Keeps the strongest of the runs that count: the greatest sum, the first on ties; and the next by the same rule.
+    """Keeps the strongest candidate of the runs that count, the first on ties; and the next by the same rule.
 
     A run counts if it has enough gated pixels within reach and a width that is allowed: see
-    :func:`magtrak.reference.find_runs`.
+    :func:`magtrak.reference.find_runs`. Each brings its two best candidates: either may be the row's.
 
     Members
     -------
@@ -44,15 +44,17 @@ class Choose(wiring.Component):
         m = Module()
         run, best = self.run.p, self.o
         # Runs come at least two clocks apart, so the run still stands while it is taken, and the one before has been.
-        enough, wide, narrow, better, second = Signal(), Signal(), Signal(), Signal(), Signal()
+        enough, wide, narrow = Signal(), Signal(), Signal()
+        better, second, both = Signal(), Signal(), Signal()
         compared = Signal()
         m.d.sync += [
             compared.eq(self.run.valid),
             enough.eq(run.gated >= self.settings.run_gated),
             wide.eq(run.width >= self.settings.run_width_min),
             narrow.eq(run.width <= self.settings.run_width_max),
-            better.eq(run.sum > best.run.sum),
-            second.eq(run.sum > best.second_sum),
+            better.eq(run.strength > best.run.strength),
+            second.eq(run.strength > best.second_strength),
+            both.eq(run.second_found & (run.second_strength > best.run.strength)),
         ]
         with m.If(self.clear):
             m.d.sync += [best.found.eq(0), best.second_found.eq(0)]
@@ -61,14 +63,22 @@ class Choose(wiring.Component):
                 m.d.sync += [
                     best.found.eq(1),
                     best.run.eq(run),
-                    best.second_found.eq(best.found),
-                    best.second_sum.eq(best.run.sum),
-                    best.second_ends.eq(best.run.first + best.run.last),
+                    best.second_found.eq(best.found | run.second_found),
                 ]
+                with m.If(best.found & ~both):
+                    m.d.sync += [
+                        best.second_strength.eq(best.run.strength),
+                        best.second_halves.eq(best.run.halves),
+                    ]
+                with m.Else():
+                    m.d.sync += [
+                        best.second_strength.eq(run.second_strength),
+                        best.second_halves.eq(run.second_halves),
+                    ]
             with m.Elif(second | ~best.second_found):
                 m.d.sync += [
                     best.second_found.eq(1),
-                    best.second_sum.eq(run.sum),
-                    best.second_ends.eq(run.first + run.last),
+                    best.second_strength.eq(run.strength),
+                    best.second_halves.eq(run.halves),
                 ]
         return m

@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak.reference import fir
-from magtrak.reference.fir import DERIVATIVE_MAX, INTENSITY_MAX, REACH, TAPS
+from magtrak.reference.fir import CONTRAST_MAX, DERIVATIVE_MAX, REACH, TAPS
 
 from ..arithmetic import adder_tree
 from .lookahead import LOOKAHEAD
@@ -22,8 +22,8 @@ class Fir(wiring.Component):
     step, mix, row_first : from :class:`~gateware.vision.lookahead.Lookahead`
     falls : the derivative is negative here for the first time after it was positive
     distance : columns back to the last one where it was positive, at least 1
-    rise, fall : magnitude of the derivative there and here
-    intensity : smoothed intensity there, less that at the start of the row
+    rise : the derivative there
+    contrast : ``rise`` and the magnitude of the derivative here
     """
 
     step: In(1)
@@ -32,8 +32,7 @@ class Fir(wiring.Component):
     falls: Out(1)
     distance: Out(12)
     rise: Out(DERIVATIVE_MAX.bit_length())
-    fall: Out(DERIVATIVE_MAX.bit_length())
-    intensity: Out(signed(INTENSITY_MAX.bit_length() + 1))
+    contrast: Out(CONTRAST_MAX.bit_length())
 
     reference = staticmethod(fir.crossings)
 
@@ -65,16 +64,12 @@ class Fir(wiring.Component):
             terms.append(register(_times(difference, tap), f"product_{k}"))
         slope = Signal(signed(DERIVATIVE_MAX.bit_length() + 1))
         m.d.comb += slope.eq(adder_tree(terms, register))
-        # Step 14: the running sum, which is the smoothed intensity.
-        intensity = Signal(self.intensity.shape(), reset_less=True)
-        with m.If(self.step):
-            m.d.sync += intensity.eq(Mux(firsts[13], 0, intensity) + slope)
+        # Step 14: its sign.
         here = register(slope, "here")
         up, down = register(slope > 0, "up"), register(slope < 0, "down")
         # Step 15: crossings.
         armed = Signal()
         risen = Signal(self.rise.shape(), reset_less=True)
-        risen_intensity = Signal(self.intensity.shape(), reset_less=True)
         since = Signal(12, reset_less=True)
         with m.If(self.step):
             m.d.sync += [
@@ -83,11 +78,10 @@ class Fir(wiring.Component):
                 self.falls.eq(down & armed & ~firsts[14]),
                 self.distance.eq(since),
                 self.rise.eq(risen),
-                self.fall.eq(-here),
-                self.intensity.eq(risen_intensity),
+                self.contrast.eq(risen - here),
             ]
             with m.If(up):
-                m.d.sync += [risen.eq(here), risen_intensity.eq(intensity)]
+                m.d.sync += risen.eq(here)
         return m
 
 

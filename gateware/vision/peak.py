@@ -81,16 +81,16 @@ class Peak(wiring.Component):
         binary = Signal()
         m.d.comb += binary.eq(self.settings.detector == Detector.BINARY)
 
-        # Divide. A crossing's rise is less than its chord, a mean column less than max_columns: both quotients fit.
+        # Divide. A crossing's rise is less than its contrast, a mean column less than max_columns: both quotients fit.
         numerator = Signal(gated.columns.shape())
         taken = self.chosen.run.crossing
         m.d.comb += [
             numerator.eq(Mux(binary, self.gated.columns, taken.rise)),
             position.dividend.eq(numerator << FRACTION_BITS),
-            position.divisor.eq(Mux(binary, self.gated.total, taken.chord)),
+            position.divisor.eq(Mux(binary, self.gated.total, taken.contrast)),
             position.start.eq(self.taken),
-            ratio.dividend.eq(self.chosen.second_sum << 8),
-            ratio.divisor.eq(self.chosen.run.sum),
+            ratio.dividend.eq(self.chosen.second_strength << 8),
+            ratio.divisor.eq(self.chosen.run.strength),
             ratio.start.eq(self.taken),
         ]
 
@@ -98,16 +98,16 @@ class Peak(wiring.Component):
         halves = Signal(13)
         share = Signal(position.quotient_bits)
         straight, single = Signal(), Signal()
-        m.d.sync += [straight.eq(crossing.zeros == 0), single.eq(crossing.zeros == 1)]
+        m.d.sync += [straight.eq(crossing.straight), single.eq(crossing.single)]
         bend = Array(Const(1 - value, signed(4)) for value in BEND)[
             position.quotient[FRACTION_BITS - 5 : FRACTION_BITS]
         ]
         with m.If(binary):
             m.d.sync += [halves.eq(0), share.eq(position.quotient + 1)]
         with m.Elif(~run.crossed):
-            m.d.sync += [halves.eq(run.first + run.last), share.eq(1)]
+            m.d.sync += [halves.eq(run.halves), share.eq(1)]
         with m.Else():
-            m.d.sync += halves.eq((crossing.before << 1) + crossing.zeros)
+            m.d.sync += halves.eq(run.halves - 1)
             with m.If(straight):
                 m.d.sync += share.eq(position.quotient[:FRACTION_BITS] + bend)
             with m.Elif(single):
@@ -135,7 +135,7 @@ class Peak(wiring.Component):
             ),
             seen.eq(crossing.after + REACH),
             over.eq(Cat(crossing.before < REACH, seen > gated.last_column)),
-            uncrossed.eq(~run.crossed),
+            uncrossed.eq(~binary & ~run.crossed),
         ]
         span, enough = Signal(12), Signal()
         m.d.sync += [
@@ -145,10 +145,12 @@ class Peak(wiring.Component):
         stray, doubtful = Signal(), Signal()
         m.d.sync += [
             stray.eq(chosen.found & (gated.total > (run.gated << 1))),
-            doubtful.eq(Mux(binary, span > self.settings.run_width_max, run.crossed & run.plain)),
+            doubtful.eq(Mux(binary, span > self.settings.run_width_max, run.crossed & ~crossing.coloured)),
         ]
-        rival = Signal()
-        m.d.sync += rival.eq(chosen.second_found & (ratio_limited(ratio.quotient) >= self.settings.ambiguous_ratio))
+        # The quotient is at most 256 and 8 bits hold up to 255. Where the best has no contrast, all are equal.
+        runner_up, rival = Signal(8), Signal()
+        m.d.comb += runner_up.eq(Mux(ratio.quotient[8] | uncrossed, 255, ratio.quotient))
+        m.d.sync += rival.eq(chosen.second_found & (runner_up >= self.settings.ambiguous_ratio))
         valid = Signal()
         m.d.sync += valid.eq(Mux(binary, enough, chosen.found))
 
@@ -160,7 +162,7 @@ class Peak(wiring.Component):
             m.d.comb += [
                 record.valid.eq(1),
                 record.position.eq(fine >> 1),
-                record.cut.eq(touches.any() | (~binary & (over.any() | uncrossed))),
+                record.cut.eq(touches.any() | (~binary & over.any()) | uncrossed),
                 record.ambiguous.eq(stray | doubtful | rival),
                 record.width.eq(Mux(chosen.found, run.width, span)),
                 record.gated.eq(Mux(chosen.found, run.gated, gated.total)),
@@ -175,8 +177,8 @@ class Peak(wiring.Component):
                 ]
             with m.If(chosen.found & chosen.second_found):
                 m.d.comb += [
-                    record.second_position.eq(chosen.second_ends << 7),
-                    record.runner_up.eq(ratio_limited(ratio.quotient)),
+                    record.second_position.eq(chosen.second_halves << 7),
+                    record.runner_up.eq(runner_up),
                 ]
         m.d.comb += record.overflow.eq(gated.fault)
         m.d.sync += [
@@ -185,8 +187,3 @@ class Peak(wiring.Component):
             self.o.valid.eq(delayed(m, position.done, 1, "straightened")),
         ]
         return m
-
-
-def ratio_limited(quotient):
-    """256 * second / best is at most 256; 8 bits hold up to 255."""
-    return Mux(quotient[8], 255, quotient[:8])

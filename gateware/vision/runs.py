@@ -1,37 +1,43 @@
-"""Runs of lit pixels, each with its zero crossing."""
+"""Runs of lit pixels, each with its two best candidates for the row's peak."""
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from magtrak.protocol import Detector
 from magtrak.reference import find_runs
-from magtrak.reference.fir import DERIVATIVE_MAX, INTENSITY_MAX
+from magtrak.reference.fir import CONTRAST_MAX, DERIVATIVE_MAX
 
 from ..layouts import FrameSettings
 from .fir import Fir
 from .lookahead import Column
 
 SLOPE_BITS = DERIVATIVE_MAX.bit_length()
+CONTRAST_BITS = CONTRAST_MAX.bit_length()
 
 
 class Crossing(data.Struct):
     """A zero crossing of the derivative: see :class:`magtrak.reference.fir.Crossings`.
 
-    ``chord`` is the sum of ``rise`` and ``fall``, ``zeros`` the columns between that are exactly zero.
+    ``halves`` is the sum of ``before`` and ``after``. ``straight``: no column between is exactly zero; ``single``: one.
+    ``coloured``: enough gated pixels lie within reach of ``after``.
     """
 
     before: 12
     after: 12
-    zeros: 12
+    halves: 13
+    straight: 1
+    single: 1
+    coloured: 1
     rise: SLOPE_BITS
-    chord: SLOPE_BITS + 1
+    contrast: CONTRAST_BITS
 
 
 class Run(data.Struct):
     """A run of lit pixels: see :class:`magtrak.reference.Runs`.
 
-    ``crossed``: ``crossing`` holds one. ``coloured``: gated pixels lie near it. ``plain``: none lie near the one of
-    the greatest intensity. See :func:`magtrak.reference.measure`.
+    ``crossed``: ``crossing`` holds the one of the greatest contrast. ``strength`` and ``halves`` are those of the best
+    candidate for the row's peak, ``second_`` those of the next best. See :func:`magtrak.reference.measure`.
     """
 
     first: 12
@@ -42,13 +48,16 @@ class Run(data.Struct):
     gated: 12
     clipped: 12
     crossed: 1
-    coloured: 1
-    plain: 1
     crossing: Crossing
+    strength: 20
+    halves: 13
+    second_found: 1
+    second_strength: CONTRAST_BITS
+    second_halves: 13
 
 
 class Runs(wiring.Component):
-    """Finds the runs of a row as :func:`magtrak.reference.find_runs` does, and the crossing of each.
+    """Finds the runs of a row as :func:`magtrak.reference.find_runs` does, and the best crossings of each.
 
     Takes a column a clock. A run is out at most :attr:`latency` clocks after the column that ends it: the one after the
     gap that may be bridged, or the row's last. Runs are out at least two clocks apart. Nothing overflows: 2048 columns
@@ -56,9 +65,9 @@ class Runs(wiring.Component):
 
     Members
     -------
-    settings : ``run_bridge`` and ``run_gated`` are used
+    settings : ``run_bridge``, ``run_gated`` and ``detector`` are used
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
-    falls, distance, rise, fall, intensity : crossing at that column, from :class:`~gateware.vision.fir.Fir`
+    falls, distance, rise, contrast : crossing at that column, from :class:`~gateware.vision.fir.Fir`
     o : stream of :class:`Run`, always ready; whether the run counts is not decided here
     """
 
@@ -67,8 +76,7 @@ class Runs(wiring.Component):
     falls: In(1)
     distance: In(12)
     rise: In(SLOPE_BITS)
-    fall: In(SLOPE_BITS)
-    intensity: In(signed(INTENSITY_MAX.bit_length() + 1))
+    contrast: In(CONTRAST_BITS)
     o: Out(stream.Signature(Run, always_ready=True))
 
     reference = staticmethod(find_runs)
@@ -90,16 +98,14 @@ class Runs(wiring.Component):
             closes.eq(within & (i.row_last | (~i.lit & (gap == self.settings.run_bridge)))),
         ]
         # At most 31 pixels lie within reach of a column: the low bits of the difference tell all.
-        near, coloured = Signal(5), Signal(reset_less=True)
+        near = Signal(5)
         m.d.comb += near.eq(i.ahead[:5] - i.behind[:5])
-        best_intensity = Signal(self.intensity.shape(), reset_less=True)
-        top_intensity = Signal(self.intensity.shape(), reset_less=True)
-        higher, highest = Signal(reset_less=True), Signal(reset_less=True)
+        run = Signal(Run, reset_less=True)
+        better, second = Signal(reset_less=True), Signal(reset_less=True)
         starts, extends, closed, crosses = Signal(), Signal(), Signal(), Signal()
         at, weight, saturated = Signal(12, reset_less=True), Signal(8, reset_less=True), Signal(reset_less=True)
         ahead, behind = Signal(12, reset_less=True), Signal(12, reset_less=True)
         crossing = Signal(Crossing, reset_less=True)
-        intensity = Signal(self.intensity.shape(), reset_less=True)
         closed_lit = Signal()
         m.d.sync += [starts.eq(0), extends.eq(0), closed.eq(0), closed_lit.eq(0), crosses.eq(0)]
         with m.If(valid):
@@ -120,18 +126,18 @@ class Runs(wiring.Component):
             behind.eq(i.behind),
             crossing.before.eq(i.column - self.distance),
             crossing.after.eq(i.column),
-            crossing.zeros.eq(self.distance - 1),
+            crossing.halves.eq((i.column << 1) - self.distance),
+            crossing.straight.eq(self.distance == 1),
+            crossing.single.eq(self.distance == 2),
+            crossing.coloured.eq(near >= self.settings.run_gated),
             crossing.rise.eq(self.rise),
-            crossing.chord.eq(self.rise + self.fall),
-            intensity.eq(self.intensity),
+            crossing.contrast.eq(self.contrast),
             # Crossings are at least two columns apart, so the one before has been taken by now.
-            higher.eq(self.intensity > best_intensity),
-            highest.eq(self.intensity > top_intensity),
-            coloured.eq(near >= self.settings.run_gated),
+            better.eq(self.contrast > run.crossing.contrast),
+            second.eq(self.contrast > run.second_strength),
         ]
 
         # 2: add up
-        run = Signal(Run, reset_less=True)
         low = Signal(12, reset_less=True)
         high = Signal(12, reset_less=True)
         with m.If(starts):
@@ -142,6 +148,7 @@ class Runs(wiring.Component):
                 run.peak.eq(weight),
                 run.clipped.eq(saturated),
                 run.crossed.eq(crosses),
+                run.second_found.eq(0),
                 low.eq(behind),
                 high.eq(ahead),
             ]
@@ -155,27 +162,34 @@ class Runs(wiring.Component):
                     high.eq(ahead),
                 ]
             with m.If(crosses):
-                m.d.sync += run.crossed.eq(1)
-        first_one = starts | ~run.crossed
-        with m.If(crosses & (first_one | (coloured & ~run.coloured) | ((coloured == run.coloured) & higher))):
-            m.d.sync += [run.crossing.eq(crossing), run.coloured.eq(coloured), best_intensity.eq(intensity)]
-        with m.If(crosses & (first_one | highest)):
-            m.d.sync += [run.plain.eq(~coloured), top_intensity.eq(intensity)]
+                m.d.sync += [run.crossed.eq(1), run.second_found.eq(run.crossed)]
+        with m.If(crosses & (starts | ~run.crossed | better)):
+            m.d.sync += [
+                run.crossing.eq(crossing),
+                run.second_strength.eq(run.crossing.contrast),
+                run.second_halves.eq(run.crossing.halves),
+            ]
+        with m.Elif(crosses & (~run.second_found | second)):
+            m.d.sync += [run.second_strength.eq(crossing.contrast), run.second_halves.eq(crossing.halves)]
         ended, waited = Signal(), Signal()
         m.d.sync += [waited.eq(closed_lit), ended.eq(closed | waited)]
 
         # 3: hold, while the next run adds up
-        m.d.sync += self.o.valid.eq(ended)
+        binary = Signal()
+        m.d.sync += [binary.eq(self.settings.detector == Detector.BINARY), self.o.valid.eq(ended)]
         with m.If(ended):
             m.d.sync += [
                 self.o.p.eq(run),
                 self.o.p.width.eq(run.last - run.first + 1),
                 self.o.p.gated.eq(high - low),
+                self.o.p.strength.eq(Mux(binary, run.sum, Mux(run.crossed, run.crossing.contrast, 0))),
+                self.o.p.halves.eq(Mux(binary | ~run.crossed, run.first + run.last, run.crossing.halves)),
+                self.o.p.second_found.eq(run.second_found & ~binary),
             ]
         return m
 
 
 def connect_fir(m: Module, fir: Fir, runs: Runs) -> None:
     """The crossing beside each column."""
-    for name in ("falls", "distance", "rise", "fall", "intensity"):
+    for name in ("falls", "distance", "rise", "contrast"):
         m.d.comb += getattr(runs, name).eq(getattr(fir, name))

@@ -61,13 +61,13 @@ class Camera:
 
 @dataclass(frozen=True)
 class Peak:
-    """How a run is measured, which run of a row counts, and from which part of its sum on a runner-up makes the row
-    ambiguous.
+    """How the line is measured, which peak of a row counts, and from which part of its strength on a runner-up makes
+    the row ambiguous.
     """
 
     detector: str = "fir"
     choice: str = "strongest"
-    ambiguous_ratio: float = 0.5
+    ambiguous_ratio: float = 0.375
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from tests.support.vision import default_settings, load_luts, random_image, rand
 SEED = 20240611
 
 
-def run(frames, *, gap: float = 0.0, seed: int = SEED):
+def run(frames, *, gap: float = 0.0, seed: int = SEED, columns: int = 64):
     """Records (frames of rows), and (errors, rows, columns) per frame, of (image, settings, luts) each."""
-    dut = Vision(max_columns=64, max_rows=64)
+    dut = Vision(max_columns=columns, max_rows=64)
     records, reports = [[]], []
 
     async def collect(ctx):
@@ -127,11 +127,47 @@ def test_two_lines_are_ambiguous():
 
 
 def test_colour_elsewhere_is_ambiguous():
-    """A white lamp in one run with the red line: the line is measured, and the row flagged."""
-    image = line_image(1, 64, [20])
-    image = np.maximum(image, np.maximum(line_image(1, 64, [44], 300, 4)[..., :1] * np.uint8(1), np.uint8(40)))
-    (record,) = check([(image, default_settings(floor=10), RED)])
-    assert record["valid"][0] and record["ambiguous"][0]
+    """A white lamp of more contrast in one run with the red line: its colour tells that it is another thing."""
+    line, lamp = line_image(1, 64, [20]), line_image(1, 64, [44], 250, 2)[..., :1] * np.ones(3, np.uint8)
+    image = np.maximum(np.maximum(line, lamp), np.uint8(40))
+    settings = default_settings(floor=10, ambiguous_ratio=255)
+    (record,) = check([(image, settings, RED)])
+    assert abs(record["position"][0] / 256 - 44) < 0.1 and record["ambiguous"][0]
+    (record,) = check([(image, settings, ALL)])
+    assert abs(record["position"][0] / 256 - 44) < 0.1 and not record["ambiguous"][0]
+
+
+def test_wide_lamp():
+    """A red lamp has the greater sum, the line the greater contrast; in one run with it, or each in its own.
+
+    Most of the colour lies elsewhere in the second case, which makes the row ambiguous.
+    """
+    lamp = line_image(1, 96, [62], 220, 10)
+    image = np.maximum(line_image(1, 96, [20], 200), np.maximum(lamp, np.uint8(20)))
+    for floor, ambiguous in ((5, 0), (60, 1)):
+        (record,) = check([(image, default_settings(floor=floor, ambiguous_ratio=128), RED)], columns=96)
+        assert abs(record["position"][0] / 256 - 20) < 0.1 and record["ambiguous"][0] == ambiguous
+        assert record["second_valid"][0] and abs(record["second_position"][0] / 256 - 62) <= 1
+
+
+def test_two_lines_in_one_run():
+    """The run's second peak is the row's runner-up, before another run's weaker one, and after its stronger."""
+    for weaker, expected in ((40, 34), (140, 60)):
+        pair = np.maximum(line_image(1, 80, [20], 200), line_image(1, 80, [34], 100))
+        image = np.maximum(pair, line_image(1, 80, [60], weaker))
+        image[0, 10:45] = np.maximum(image[0, 10:45], 12)
+        (record,) = check([(image, default_settings(floor=5), ALL)], columns=80)
+        assert abs(record["position"][0] / 256 - 20) < 0.1
+        assert abs(record["second_position"][0] / 256 - expected) <= 0.5
+
+
+def test_no_crossing():
+    """Flat runs stand in their middles and are cut; two of them are as good as each other."""
+    image = np.zeros((1, 64, 3), np.uint8)
+    image[0, :9] = image[0, 55:] = 200
+    (record,) = check([(image, default_settings(ambiguous_ratio=255), ALL)])
+    assert record["cut"][0] and record["ambiguous"][0] and record["runner_up"][0] == 255
+    assert (record["position"][0], record["second_position"][0]) == (4 * 256, 59 * 256)
 
 
 def test_one_pixel_wide_and_high():

@@ -137,7 +137,7 @@ EDGE = Layout(
 
 _ROW_FLAGS = (
     Field("valid", 1, "a line was found; without it every other field but overflow is 0"),
-    Field("ambiguous", 1, "a second run is nearly as strong, or the colour lies elsewhere than the peak"),
+    Field("ambiguous", 1, "another peak comes near this one in strength, or the colour lies elsewhere"),
     Field("saturated", 1, "a pixel of the run is at full scale in one channel"),
     Field("cut", 1, "the run, or the filter on it, touches a border of image or region, or the filter found no peak"),
     Field("overflow", 1, "the row broke the camera's contract and may be incomplete"),
@@ -165,8 +165,8 @@ FULL_ROW = Layout(
         Field("peak", 8, "greatest weight of the run"),
         Field("gated", 12, "gated pixels in the run and within reach of it", "px"),
         Field("clipped", 12, "pixels of the run at full scale in one channel", "px"),
-        Field("second_position", 20, "column of the runner-up: the middle of its run", "px, Q12.8"),
-        Field("runner_up", 8, "sum of the runner-up over that of the run", "1/256"),
+        Field("second_position", 20, "column of the runner-up, to half a column", "px, Q12.8"),
+        Field("runner_up", 8, "strength of the runner-up over that of the peak, saturating", "1/256"),
         Field("_reserved1", 4),
     ),
 )

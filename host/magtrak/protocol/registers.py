@@ -51,7 +51,7 @@ class Detector(enum.IntEnum):
 
 
 class Choice(enum.IntEnum):
-    """Which run of a row counts."""
+    """Which peak of a row counts."""
 
     STRONGEST = 0
 
@@ -218,9 +218,9 @@ REGISTERS: tuple[Register, ...] = (
         "ambiguous_ratio",
         0x010F,
         8,
-        "a runner-up of at least this part of the sum makes a row ambiguous",
+        "a runner-up of at least this part of the peak's strength (fir: contrast, binary: sum) makes a row ambiguous",
         "1/256",
-        init=128,
+        init=96,
     ),
     _frame("exposure_us", 0x0110, 32, "exposure of the camera; only passed on in each frame", "us"),
     _frame(

@@ -18,7 +18,7 @@ REACH = len(TAPS)
 """Columns to each side that the filter sees."""
 
 DERIVATIVE_MAX = 255 * sum(TAPS)  # 17595 < 2**15
-INTENSITY_MAX = 2 * 255 * sum(k * c for k, c in enumerate(TAPS, 1))  # 96390 < 2**17
+CONTRAST_MAX = 2 * DERIVATIVE_MAX  # 35190 < 2**16
 
 FRACTION = 512
 """Steps of a column in which crossings are interpolated, twice as fine as positions, to round those."""
@@ -59,7 +59,6 @@ class Crossings:
     before : last column with a positive derivative
     after : first column then with a negative one; zeros may lie between
     rise, fall : the derivative at the two, both as magnitudes
-    intensity : running sum of the derivative up to ``before``: the smoothed intensity there, less the row's first
     """
 
     row: NDArray[np.intp]
@@ -67,7 +66,11 @@ class Crossings:
     after: NDArray[np.intp]
     rise: NDArray[np.int32]
     fall: NDArray[np.int32]
-    intensity: NDArray[np.int32]
+
+    @property
+    def contrast(self) -> NDArray[np.int32]:
+        """``rise + fall``: how sharply the line stands out. A thin line has much, a lamp or a wall little."""
+        return self.rise + self.fall
 
 
 def crossings(mixed: NDArray[np.int32]) -> Crossings:
@@ -77,14 +80,12 @@ def crossings(mixed: NDArray[np.int32]) -> Crossings:
     value = slope[row, column]
     falls = (row[:-1] == row[1:]) & (value[:-1] > 0) & (value[1:] < 0)
     at = np.flatnonzero(falls)
-    intensity = np.cumsum(slope, axis=1, dtype=np.int32)
     return Crossings(
         row=row[at],
         before=column[at],
         after=column[at + 1],
         rise=value[at],
         fall=-value[at + 1],
-        intensity=intensity[row[at], column[at]],
     )
 
 
