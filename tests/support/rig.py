@@ -16,7 +16,7 @@ from sim.motor import Motor, MotorParameters
 
 CLOCK_HZ = 2_000_000
 COUNTS = 1024
-SLICE_S = 1e-4
+SLICE_S = 2e-4
 PING_S = 0.05
 
 MOTOR = MotorParameters(
@@ -26,8 +26,8 @@ TUNED = MotorSettings(
     mode="speed",
     speed_deg_s=300.0,
     acceleration_deg_s2=3000.0,
-    kp=0.00269,
-    ki=0.06737,
+    kp=0.0108,
+    ki=0.173,
     feed_forward=0.00216,
     friction=0.00882,
 )

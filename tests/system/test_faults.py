@@ -30,11 +30,12 @@ DETECTION_S = {
     "cut B": 0.05,
     "swapped A and B": 0.25,
     "missing index": 1.3 * TURN_S,
-    "double index": 1.1 * TURN_S,
+    "double index": 1.6 * TURN_S,
     "noise on A": 0.1,
     "noise on A and B": 0.1,
 }
-"""Greatest time from the fault to the brake, at 300 deg/s and 1024 counts a turn."""
+"""Greatest time from the fault to the brake, at 300 deg/s and 1024 counts a turn; for the index, the time until the
+barrier is next passed, or missed, is in it."""
 
 
 @pytest.fixture
@@ -95,7 +96,7 @@ def ends_dark(rig: Rig, begin: float, what: str, cause: MotorCause, words: str) 
     rig.run(1e-3 - SLICE_S)
     assert not rig.samples[-1].laser, "the laser is off within a millisecond"
     rig.run(0.5)
-    assert not any(sample.laser for sample in rig.samples[-4000:])
+    assert not any(sample.laser for sample in rig.samples[-round(0.5 / SLICE_S) :])
     assert rig.samples[-1].duty == 0 and abs(rig.samples[-1].speed_deg_s) < 3, "the motor stands"
     safety = rig.safety()
     assert (safety.motor_cause, safety.laser_cause) == (cause, LaserCause.MOTOR)
@@ -152,7 +153,7 @@ def test_opened_interlock(rig: Rig) -> None:
     assert not rig.samples[-1].laser
     rig.set_pin(INTERLOCK, 1)
     rig.run(0.1)
-    assert not any(sample.laser for sample in rig.samples[-1000:])
+    assert not any(sample.laser for sample in rig.samples[-round(0.1 / SLICE_S) :])
     assert abs(rig.samples[-1].speed_deg_s - 300) < 6
     safety = rig.safety()
     assert safety.laser_cause == LaserCause.INTERLOCK
@@ -197,9 +198,9 @@ def test_sweep_finds_the_index_and_stays_between_its_angles() -> None:
     angles: list[float] = []
     rig.run(3.0, until=lambda _: bool(angles.append(float(np.degrees(rig.motor.trajectory.angle_rad)))))
     assert rig.safety().fault(armed=True) is None
-    after = np.array(angles[8000:])
+    after = np.array(angles[round(0.8 / SLICE_S) :])
     assert -21.5 < after.min() < -18 and 38 < after.max() < 41.5
-    turns = int((np.diff(np.sign(np.diff(after[::20]))) != 0).sum())
+    turns = int((np.diff(np.sign(np.diff(after[::10]))) != 0).sum())
     assert turns >= 3
     rig.close()
 
