@@ -18,7 +18,7 @@ from tests.support.formal import ProofError, prove
 
 
 def past(m: Module, value, clocks: int = 1, init: int = 0):
-    """``value`` some clocks ago; ``init`` before reset. Not to be used within a condition: the registers would have it."""
+    """``value`` some clocks ago; ``init`` before reset. Not for use within a condition: the registers get it, too."""
     for _ in range(clocks):
         register = Signal(value.shape(), init=init)
         m.d.sync += register.eq(value)

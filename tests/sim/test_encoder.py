@@ -5,7 +5,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from sim.encoder import Encoder, Event, IndexBarrier, Signal
+from sim.encoder import Encoder, Event, Flaws, IndexBarrier, Signal
 from sim.trajectory import Segment, Trajectory
 
 N = 64
@@ -133,3 +133,25 @@ def test_trajectory_forgets_only_what_is_old() -> None:
         trajectory.at([5.1])
     with pytest.raises(ValueError, match="forgotten"):
         trajectory.at([0.5])
+
+
+def test_line_errors_are_the_same_in_every_turn() -> None:
+    """Each edge comes where its line is; the errors are as great as asked for, and belong to the seed."""
+    encoder = Encoder(N, 0.5 * PITCH, Flaws(line_error_counts=0.05, seed=3))
+    events = encoder.follow([line(0, 3, 0.5, 3 * N + 0.5)])
+    places = np.array([e.time_s for e in events]) * N + 0.5
+    errors = (places - np.arange(1, 3 * N + 1)).reshape(3, N)
+    assert np.abs(errors - errors[0]).max() < 1e-9
+    assert 0.03 < errors.std() < 0.07
+    assert errors[0] == pytest.approx(np.roll(encoder.line_errors_counts, -1))
+    assert not np.allclose(errors[0], Encoder(N, 0.0, Flaws(0.05, seed=4)).line_errors_counts)
+
+
+def test_jitter_moves_times_only() -> None:
+    still = Encoder(N, 0.5 * PITCH).follow([line(0, 1, 0.5, N)])
+    shaken = Encoder(N, 0.5 * PITCH, Flaws(jitter_s=1e-4, seed=1)).follow([line(0, 1, 0.5, N)])
+    assert [e[1:] for e in still] == [e[1:] for e in shaken]
+    late = np.array([b.time_s - a.time_s for a, b in zip(still, shaken, strict=True)])
+    assert 0.5e-4 < late.std() < 2e-4
+    times = [e.time_s for e in shaken]
+    assert times == sorted(times) and times[0] >= 0 and times[-1] <= 1

@@ -85,3 +85,30 @@ def test_without_friction() -> None:
     motor = Motor(replace(P, friction_nm=0.0), 0.0, 8192)
     motor.advance(1.0, 0.5)
     assert motor.speed_rad_s == pytest.approx(42 / 197, rel=1e-6)
+
+
+def test_stiction_holds_longer_than_friction() -> None:
+    motor = Motor(replace(P, stiction_nm=8.0), 0.0, 8192)
+    assert motor.advance(0.5, 0.08) == []  # 6.7 Nm: more than the friction, less than the stiction
+    motor.advance(1.0, 0.12)
+    assert motor.speed_rad_s > 0
+    motor.advance(2.0, 0.08)
+    assert motor.speed_rad_s == pytest.approx((6.72 - 4) / 197, rel=1e-3), "once it turns, friction is all"
+
+
+def test_ripple_of_the_supply_shows_in_the_speed() -> None:
+    """As a first-order low-pass passes it: 1 / sqrt(1 + (w tau)^2)."""
+    motor = Motor(replace(P, supply_ripple=0.1, ripple_hz=5.0), 0.0, 8192)
+    speeds = []
+    for until in np.arange(0.5, 1.1, 1e-3):
+        motor.advance(until, 0.5)
+        speeds.append(motor.speed_rad_s)
+    amplitude = (max(speeds[100:]) - min(speeds[100:])) / 2
+    expected = 0.1 * 42 / 197 / np.hypot(1, 2 * np.pi * 5 * P.time_constant_s)
+    assert amplitude == pytest.approx(expected, rel=0.02)
+
+
+def test_a_load_slows_it_down() -> None:
+    motor = Motor(replace(P, load_nm=10.0), 0.0, 8192)
+    motor.advance(1.0, 0.5)
+    assert motor.speed_rad_s == pytest.approx((42 - 10 - 4) / 197, rel=1e-6)
