@@ -34,7 +34,7 @@ class Profile(wiring.Component):
     ``target`` moves by at most ``acceleration`` a step, so a reversal is a parabola. Outside these modes it follows the
     measured speed: closing the loop makes no jump.
 
-    Latency 4 clocks from ``step`` to ``done``; at most a step in 4 clocks.
+    Latency :attr:`latency` clocks from ``step`` to ``done``; a step on the way is left out.
 
     Members
     -------
@@ -68,6 +68,8 @@ class Profile(wiring.Component):
     found: Out(1)
     failed: Out(1)
     done: Out(1)
+
+    latency = 6
 
     @staticmethod
     def reference(
@@ -113,6 +115,7 @@ class Profile(wiring.Component):
         begun, backward, turned, passed = Signal(), Signal(), Signal(), Signal()
         start, moved = Signal(signed(32)), Signal(signed(33))
         wanted, change = Signal(signed(32)), Signal(signed(33))
+        distance, clipped = Signal(33), Signal(signed(26))
         far, high, low, looking, running = Signal(), Signal(), Signal(), Signal(), Signal()
         m.d.comb += running.eq(
             (self.mode == MotorMode.SPEED) | (self.mode == MotorMode.SWEEP) | (self.mode == MotorMode.SEARCH)
@@ -138,10 +141,13 @@ class Profile(wiring.Component):
                     m.d.sync += [begun.eq(1), passed.eq(self.passed), self.found.eq(self.found | passed)]
                     with m.If(~begun):
                         m.d.sync += [backward.eq(self.speed < 0), start.eq(self.count), moved.eq(0)]
-                    m.next = "Compare"
+                    m.next = "Distance"
+
+            with m.State("Distance"):
+                m.d.sync += distance.eq(Mux(moved < 0, -moved, moved))
+                m.next = "Compare"
 
             with m.State("Compare"):
-                distance = Mux(moved < 0, -moved, moved)
                 magnitude = Mux(self.speed < 0, -self.speed, self.speed)
                 m.d.sync += [
                     far.eq((self.search != 0) & (distance > self.search) & ((moved < 0) == backward)),
@@ -167,11 +173,14 @@ class Profile(wiring.Component):
                             m.d.sync += backward.eq(1)
                         with m.Elif(low):
                             m.d.sync += backward.eq(0)
+                m.next = "Limit"
+
+            with m.State("Limit"):
+                limit = self.acceleration
+                m.d.sync += clipped.eq(Mux(change > limit, limit, Mux(change < -limit, -limit, change)))
                 m.next = "Ramp"
 
             with m.State("Ramp"):
-                limit = self.acceleration
-                step = Mux(change > limit, limit, Mux(change < -limit, -limit, change))
-                m.d.sync += [self.target.eq(self.target + step), self.done.eq(1)]
+                m.d.sync += [self.target.eq(self.target + clipped), self.done.eq(1)]
                 m.next = "Wait"
         return m

@@ -42,7 +42,7 @@ class MotorWatch(wiring.Component):
     - ``SEARCH``: looked for the index in vain.
     - ``LEASE``: the host is gone.
 
-    Latency: one clock for stall, search, lease and missing index, two for the others.
+    Latency: one to four clocks from what makes it a fault.
 
     Members
     -------
@@ -111,7 +111,11 @@ class MotorWatch(wiring.Component):
             m.d.sync += astray.eq(0)
         with m.Elif(self.edge):
             m.d.sync += astray.eq(Mux(self.backward == self.backward_wanted, 0, astray + ~astray[-1]))
-        m.d.sync += fast.eq(Mux(self.speed < 0, -self.speed, self.speed) > self.speed_max)
+        magnitude = Signal(32)
+        m.d.sync += [
+            magnitude.eq(Mux(self.speed < 0, -self.speed, self.speed)),
+            fast.eq(magnitude > self.speed_max),
+        ]
         with m.If(~fast):
             m.d.sync += fast_ms.eq(0)
         with m.Elif(self.tick & (fast_ms != OVERSPEED_MS)):

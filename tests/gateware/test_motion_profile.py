@@ -9,7 +9,7 @@ from gateware.motion.sector import Sector
 from magtrak.protocol import MotorMode
 from tests.support.trace import trace
 
-GAP = 6
+GAP = Profile.latency + 2
 BASE = {"mode": MotorMode.SPEED, "speed": 1000, "measured": 0, "acceleration": 100, "count": 0, "passed": 0, "seen": 1}
 BASE |= {"position": 0, "low": -50, "high": 50, "search": 0}
 

@@ -33,8 +33,8 @@ def moves(*ways, gap=2, start=0):
 CASES = [
     (MotorCause.STALL, [{"tick": 1}] * 20, [{"tick": 1}] * 21),
     (MotorCause.RUNAWAY, moves(*[-1] * 5), moves(*[-1] * 6)),
-    (MotorCause.RUNAWAY, *[[{"speed": -speed}, *[{"speed": -speed, "tick": 1}] * 8] for speed in (1000, 1001)]),
-    (MotorCause.RUNAWAY, *[[{"speed": 1001}, *[{"speed": 1001, "tick": 1}] * ticks] for ticks in (7, 8)]),
+    (MotorCause.RUNAWAY, *[[*[{"speed": -speed}] * 2, *[{"speed": -speed, "tick": 1}] * 8] for speed in (1000, 1001)]),
+    (MotorCause.RUNAWAY, *[[*[{"speed": 1001}] * 2, *[{"speed": 1001, "tick": 1}] * ticks] for ticks in (7, 8)]),
     (MotorCause.ENCODER, moves(*[1, -1] * 4), moves(*[1, -1] * 5)),
     (MotorCause.ENCODER, [{"illegal": 1}] * 3, [{"illegal": 1}] * 4),
     (MotorCause.TURN, [{"wrong": 1, "difference": 4}], [{"wrong": 1, "difference": -5}]),
