@@ -11,9 +11,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from magtrak.calibration import Calibration
-from magtrak.cloud.ply import read_ply
 from tests.support.pictures import folder
-from tests.support.virtual import receive, virtual_card
+from tests.support.virtual import ambiguous, measured_pictures
 
 DISTANCES_MM = np.arange(260, 60, -20)
 FIRST_ROW, LAST_ROW = 100, 329
@@ -26,37 +25,20 @@ def lines(tmp_path_factory):
     pictures = folder("board_distances")
     path = tmp_path_factory.mktemp("board")
     camera = json.loads((pictures / "camera.json").read_text())
-    # Any plane that the rays meet will do: what counts are rows and columns of the points.
-    laser = {
-        "camera_from_laser": [[-0.475, 0.88, 0, 122], [0, 0, 1, 0], [0.88, 0.475, 0, 0], [0, 0, 0, 1]],
-        "zero_rad": 0.0,
-        "sense": 1,
-        "counts_per_turn": 8192,
+    lens = {
+        "model": "brown-conrady",
+        "width": camera["width"],
+        "height": camera["height"],
+        "matrix": camera["camera_matrix"],
+        "distortion": camera["distortion"],
     }
-    calibration = {
-        "format": "magtrak-calibration",
-        "version": 1,
-        "camera": {
-            "model": "brown-conrady",
-            "width": camera["width"],
-            "height": camera["height"],
-            "matrix": camera["camera_matrix"],
-            "distortion": camera["distortion"],
-        },
-        "laser": laser,
-    }
-    (path / "calibration.json").write_text(json.dumps(calibration))
-    angles = "".join(f"{n},0,0\n" for n in range(len(DISTANCES_MM)))
-    (path / "angles.csv").write_text("frame,angle_start_deg,angle_end_deg\n" + angles)
-    with virtual_card(path / "card", "--frames", pictures, "--angles", path / "angles.csv") as card:
-        receive(path / "card", path / "calibration.json", path / "cloud.ply", "--settings", "red")
-        assert card.wait(timeout=60) == 0
-    points = read_ply(path / "cloud.ply")
+    points = measured_pictures(path, pictures, lens, "red")
     model = Calibration.load(path / "calibration.json").camera.build()
     found = []
     for number in range(len(DISTANCES_MM)):
         mine = points[points["scalar_frame"] == number]
         mine = mine[(mine["scalar_row"] >= FIRST_ROW) & (mine["scalar_row"] <= LAST_ROW)]
+        assert not ambiguous(mine).any()
         ray = model.ray(mine["scalar_column"].astype(float), mine["scalar_row"].astype(float))
         found.append(ray[:, :2] / ray[:, 2:])
     return found
