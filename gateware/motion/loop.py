@@ -77,7 +77,7 @@ class SpeedLoop(wiring.Component):
         self._proportional, self._forward = Signal(signed(18)), Signal(signed(18))
         self._wanted = Signal(signed(21))  # 2 * (2**17 - 1) + 2 * 32767 < 2**19
 
-    latency = 3 * (GAIN_BITS + 2) + 6
+    latency = 3 * (GAIN_BITS + 3) + 6
 
     @staticmethod
     def reference(now: Loop, *, target: int, speed: int, kp: int, ki: int, kff: int, friction: int, limit: int) -> Loop:
@@ -109,10 +109,10 @@ class SpeedLoop(wiring.Component):
         steps = Signal(range(GAIN_BITS + 1))
         product = Signal(32 + GAIN_BITS)
         m.d.comb += [total.eq(high + Mux(gain[0], magnitude, 0)), product.eq(Cat(low, high))]
-        duty_product, integral_product = Signal(17), Signal(31)
+        duty_product, integral_product = Signal(17), Signal(31)  # saturated, in a clock of their own
         shift = 8 + GAIN_FRACTION_BITS
         fine = shift - _INTEGRAL_FRACTION_BITS
-        m.d.comb += [
+        m.d.sync += [
             duty_product.eq(Mux((product >> (shift + 17)).any(), _TERM, product >> shift)),
             integral_product.eq(Mux((product >> (fine + 31)).any(), (1 << 31) - 1, product >> fine)),
         ]
@@ -131,7 +131,9 @@ class SpeedLoop(wiring.Component):
             with m.State(f"{name} steps"):
                 m.d.sync += [Cat(low, high).eq(Cat(low[1:], total)), gain.eq(gain >> 1), steps.eq(steps - 1)]
                 with m.If(steps == 1):
-                    m.next = then
+                    m.next = f"{name} saturated"
+            with m.State(f"{name} saturated"):
+                m.next = then
 
         bound = FULL << _INTEGRAL_FRACTION_BITS
         m.d.sync += self.done.eq(0)
