@@ -16,7 +16,7 @@ GREATEST = (1 << 31) - 1
 """Speed at which the measurement saturates, in both directions: 8.4 million counts a second."""
 
 MOVED_BITS = 16
-CLOCKS = 4 + MOVED_BITS + 33
+CLOCKS = 5 + MOVED_BITS + 33
 """Of a measurement: 16 steps of a product, 32 of a quotient."""
 
 
@@ -86,7 +86,7 @@ class SpeedMeter(wiring.Component):
         with m.If(since != UNKNOWN):
             m.d.sync += since.eq(since + 1)
 
-        moved = Signal(signed(34))
+        moved, span = Signal(signed(34)), Signal(34)
         fresh, backward = Signal(), Signal()
         interval = Signal(32)
         factor = Signal(MOVED_BITS)
@@ -126,7 +126,10 @@ class SpeedMeter(wiring.Component):
                     m.next = "Wait"
 
             with m.State("Prepare"):
-                span = Mux(moved < 0, -moved, moved)
+                m.d.sync += span.eq(Mux(moved < 0, -moved, moved))
+                m.next = "Saturate"
+
+            with m.State("Saturate"):
                 m.d.sync += [
                     factor.eq(Mux(fresh, Mux(span[MOVED_BITS:].any(), (1 << MOVED_BITS) - 1, span), 1)),
                     high.eq(0),
