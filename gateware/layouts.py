@@ -3,6 +3,7 @@
 from amaranth.hdl import Shape
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import Out
+
 from magtrak import protocol
 from magtrak.protocol import Access, Layout, Scope
 
