@@ -98,7 +98,7 @@ class SpeedLoop(wiring.Component):
         m = Module()
         integral, increment, candidate = self._integral, self._increment, self._candidate
         proportional, forward, wanted = self._proportional, self._forward, self._wanted
-        error = Signal(signed(33))
+        error, friction = Signal(signed(33)), Signal(signed(16))
 
         # A magnitude below 2**32 times a gain below 2**24, lowest bit of the gain first: 33 bits are added, and a bit
         # of the product leaves to the right each step.
@@ -163,10 +163,14 @@ class SpeedLoop(wiring.Component):
                 m.d.sync += increment.eq(Mux(negative, -integral_product, integral_product))
                 m.next = "Add"
             with m.State("Add"):
-                friction = Mux(self.target == 0, 0, Mux(self.target < 0, -self.friction, self.friction))
-                m.d.sync += [candidate.eq(integral + increment), wanted.eq(proportional + forward + friction)]
+                m.d.sync += [
+                    candidate.eq(integral + increment),
+                    wanted.eq(proportional + forward),
+                    friction.eq(Mux(self.target < 0, -self.friction, Mux(self.target == 0, 0, self.friction))),
+                ]
                 m.next = "Clamp"
             with m.State("Clamp"):
+                m.d.sync += wanted.eq(wanted + friction)
                 with m.If(candidate > bound):
                     m.d.sync += candidate.eq(bound)
                 with m.Elif(candidate < -bound):
