@@ -16,7 +16,7 @@ GREATEST = (1 << 31) - 1
 """Speed at which the measurement saturates, in both directions: 8.4 million counts a second."""
 
 MOVED_BITS = 16
-CLOCKS = 5 + MOVED_BITS + 33
+CLOCKS = 6 + MOVED_BITS + 33
 """Of a measurement: 16 steps of a product, 32 of a quotient."""
 
 
@@ -100,7 +100,6 @@ class SpeedMeter(wiring.Component):
             total.eq(high + Mux(factor[0], self.clock_hz, 0)),
             divider.dividend.eq(Cat(low, high) << FRACTION_BITS),
             divider.divisor.eq(interval),
-            result.eq(Mux(over | divider.quotient[-1], GREATEST, divider.quotient)),
         ]
         m.d.sync += self.done.eq(0)
         with m.FSM():
@@ -149,10 +148,14 @@ class SpeedMeter(wiring.Component):
                 m.next = "Divide"
 
             with m.State("Divide"):
+                m.d.sync += result.eq(Mux(over | divider.quotient[-1], GREATEST, divider.quotient))
                 with m.If(divider.done):
-                    m.d.sync += self.done.eq(1)
-                    # Without an edge, the speed can only be less than what it was.
-                    with m.If(fresh | (result < magnitude)):
-                        m.d.sync += self.speed.eq(Mux(backward, -result, result))
-                    m.next = "Wait"
+                    m.next = "Take"
+
+            with m.State("Take"):
+                m.d.sync += self.done.eq(1)
+                # Without an edge, the speed can only be less than what it was.
+                with m.If(fresh | (result < magnitude)):
+                    m.d.sync += self.speed.eq(Mux(backward, -result, result))
+                m.next = "Wait"
         return m
