@@ -42,7 +42,7 @@ class MotorWatch(wiring.Component):
     - ``SEARCH``: looked for the index in vain.
     - ``LEASE``: the host is gone.
 
-    Latency: one to four clocks from what makes it a fault.
+    Latency: one to five clocks from what makes it a fault.
 
     Members
     -------
@@ -102,7 +102,7 @@ class MotorWatch(wiring.Component):
         with m.Elif(self.tick & ~idle_ms[-1]):
             m.d.sync += idle_ms.eq(idle_ms + 1)
         stall = Signal()
-        m.d.comb += stall.eq(idle_ms > self.stall_ms)
+        m.d.sync += stall.eq(idle_ms > self.stall_ms)
 
         # Run-away.
         astray = Signal(17)
@@ -121,7 +121,7 @@ class MotorWatch(wiring.Component):
         with m.Elif(self.tick & (fast_ms != OVERSPEED_MS)):
             m.d.sync += fast_ms.eq(fast_ms + 1)
         runaway = Signal()
-        m.d.comb += runaway.eq((fast_ms == OVERSPEED_MS) | (astray > self.runaway))
+        m.d.sync += runaway.eq((fast_ms == OVERSPEED_MS) | (astray > self.runaway))
 
         # Encoder.
         before, chatter = Signal(), Signal(range(CHATTER + 1))
@@ -140,7 +140,7 @@ class MotorWatch(wiring.Component):
         with m.Elif(self.tick & forget.all() & illegals.any()):
             m.d.sync += illegals.eq(illegals - 1)
         encoder = Signal()
-        m.d.comb += encoder.eq((chatter == CHATTER) | (illegals > self.encoder_tolerance))
+        m.d.sync += encoder.eq((chatter == CHATTER) | (illegals > self.encoder_tolerance))
 
         # Index. The turn is counted from the last pass, or from the start where there was none.
         start, seen = Signal(signed(32)), Signal()
@@ -158,7 +158,7 @@ class MotorWatch(wiring.Component):
         ]
         missing, turn = Signal(), Signal()
         m.d.sync += missing.eq((size > longest) & (self.counts_per_turn != 0) & driven & self.driven)
-        m.d.comb += turn.eq(off & (off_by > self.index_tolerance))
+        m.d.sync += turn.eq(off & (off_by > self.index_tolerance))
 
         seen_faults = (
             (self.enable.lease & ~self.alive, MotorCause.LEASE),
