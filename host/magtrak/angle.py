@@ -8,12 +8,13 @@ leaves the count that the encoder shows.
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .arrays import Booleans, Floats, Integers
-from .edges import Edges, edges_of_frame, wrapped_difference
+from .edges import SAME_EDGE_CLOCKS, Edges, edges_of_frame, wrapped_difference
 from .frames import Frame
 
 # An interval so many times as long as both its neighbours is a stop, not slow motion: turning round at constant
@@ -38,7 +39,28 @@ class RowAngles:
     standing: Booleans
 
 
-def interpolate(edges: Edges, times: Floats, origin: int, quiet_until: int) -> tuple[Floats, Booleans]:
+@dataclass(frozen=True)
+class Latched:
+    """What a latch tells: no edge came from ``start`` to ``end`` (clocks since reset), and the count was ``count``."""
+
+    start: int
+    end: int
+    count: int
+
+
+def latches(frame: Frame, last_count: int) -> list[Latched]:
+    """The latches of a frame at its first and last row; ``last_count`` is its own, unwrapped over the stream."""
+    header = frame.header
+    first_count = last_count + wrapped_difference(header["first_count"], header["last_count"])
+    return [
+        Latched(header[f"{row}_time"] - header[f"{row}_age"] + SAME_EDGE_CLOCKS, header[f"{row}_time"], count)
+        for row, count in (("first", first_count), ("last", last_count))
+    ]
+
+
+def interpolate(
+    edges: Edges, times: Floats, origin: int, quiet_until: int, known: Sequence[Latched] = ()
+) -> tuple[Floats, Booleans]:
     """Positions in counts, and where the encoder stood still, at ``times`` (clocks after ``origin``).
 
     Before the first and after the last edge the outermost parabola goes on, within the count. Needs an edge.
@@ -49,17 +71,24 @@ def interpolate(edges: Edges, times: Floats, origin: int, quiet_until: int) -> t
     times : clocks after ``origin``
     origin : clocks since reset
     quiet_until : clocks since reset until which no edge came after the last one
+    known : where latches tell the count, which edges may not: a log that was thinned leaves out its last ones
     """
     count = len(edges)
     t = (edges.time - origin).astype(np.float64)
     p = edges.position.astype(np.float64)
-    if count == 1:
-        after = times >= t[0]
-        within = np.where(after, edges.count[0], edges.before[0]) + 0.5
-        return within, np.ones(len(times), bool)
-    slope, bend = _derivatives(t, p)
     # Interval i lies before edge i; the first and the last are open.
     i = np.searchsorted(t, times, side="right")
+    # What the encoder showed in each interval, and how far unlogged edges may have led away from it.
+    shown = np.concatenate([edges.before[:1], edges.count])[i]
+    away = np.append(edges.unlogged, edges.unlogged[-1])[i].astype(np.float64)
+    away[away < 0] = np.inf
+    for latch in known:
+        within = (times >= latch.start - origin) & (times <= latch.end - origin)
+        shown[within] = latch.count
+        away[within] = 0
+    if count == 1:
+        return shown + 0.5, np.ones(len(times), bool)
+    slope, bend = _derivatives(t, p)
     inner = np.clip(i, 1, count - 1)
     h = t[inner] - t[inner - 1]
     x = (times - t[inner - 1]) / h
@@ -74,10 +103,6 @@ def interpolate(edges: Edges, times: Floats, origin: int, quiet_until: int) -> t
     beyond = times - t[end]
     parabola = p[end] + (slope[end] + bend[end] / 2 * beyond) * beyond
     position = np.where(i == inner, cubic, parabola)
-    # What the encoder showed in each interval, and how far unlogged edges may have led away from it.
-    shown = np.concatenate([edges.before[:1], edges.count])[i]
-    away = np.append(edges.unlogged, edges.unlogged[-1])[i].astype(np.float64)
-    away[away < 0] = np.inf
     position = np.clip(position, shown - away, shown + 1 + away)
     standing = _standing(t, times, i, quiet_until - origin) & (away == 0)
     return np.where(standing, shown + 0.5, position), standing
@@ -168,7 +193,10 @@ class AngleTracker:
         times = frame.row_times() + offset
         if len(self._edges):
             newest = self._waiting[-1][0] if self._waiting else frame
-            position, standing = interpolate(self._edges, times, header["first_time"], newest.header["last_time"])
+            known = [latch for item in [(frame, last_count), *self._waiting] for latch in latches(*item)]
+            position, standing = interpolate(
+                self._edges, times, header["first_time"], newest.header["last_time"], known
+            )
         else:
             first = last_count + wrapped_difference(header["first_count"], header["last_count"])
             position, standing = np.full(len(times), first + 0.5), np.ones(len(times), bool)

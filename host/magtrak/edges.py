@@ -15,7 +15,7 @@ SATURATED_AGE = 2**32 - 1
 _AFTER_CLOCKS = 2**28
 
 # The latch and the log may see the same edge some clocks apart.
-_SAME_EDGE_CLOCKS = 16
+SAME_EDGE_CLOCKS = 16
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def _plausible(edges: Edges, header: Mapping[str, int]) -> Numbers:
     A log is in order, and no edge lies between the latched last edge and the last row. Both hold unless an edge is
     older than the 32 bits tell apart.
     """
-    latest = header["last_time"] - header["last_age"] + _SAME_EDGE_CLOCKS
+    latest = header["last_time"] - header["last_age"] + SAME_EDGE_CLOCKS
     wrong = (edges.time > latest) & (edges.time <= header["last_time"])
     rises = np.diff(edges.time, prepend=edges.time[:1]) >= 0
     # What comes before a fall in time, or a wrong edge, is older still.
@@ -119,7 +119,7 @@ def _with_first_latch(edges: Edges, frame: Frame, last_count: int) -> Edges:
         return edges
     time = header["first_time"] - header["first_age"]
     count = last_count + wrapped_difference(header["first_count"], header["last_count"])
-    if np.any(np.abs(edges.time - time) <= _SAME_EDGE_CLOCKS):
+    if np.any(np.abs(edges.time - time) <= SAME_EDGE_CLOCKS):
         return edges
     at = int(np.searchsorted(edges.time, time))
     neighbours = edges[max(at - 1, 0) : at + 1]

@@ -85,9 +85,7 @@ class LineErrors:
             Too few turns or edges, or it did not turn one way.
         """
         if self.turns < MIN_TURNS or self._index is None:
-            raise CalibrationError(
-                f"{self.turns:.1f} turns were recorded, {MIN_TURNS} are needed: turn longer"
-            )
+            raise CalibrationError(f"{self.turns:.1f} turns were recorded, {MIN_TURNS} are needed: turn longer")
         time = np.concatenate([part.time for part in self._parts]).astype(np.float64)
         position = np.concatenate([part.position for part in self._parts]) - self._index
         if not (np.diff(position) > 0).all() and not (np.diff(position) < 0).all():

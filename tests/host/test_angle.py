@@ -97,6 +97,14 @@ def test_standstill_is_the_middle_of_the_count_and_said() -> None:
     assert np.allclose(errors, 0.25)
 
 
+def test_a_stop_after_a_rush_is_seen_though_its_last_edges_were_thinned_out() -> None:
+    recorder = Recorder(lambda t: 5000.3 + 30_000 * np.minimum(t - 0.0981, 0))  # frames begin at 0.1 s
+    assert decode_frame(recorder.payloads(1)[0]).header["edge_shift"] >= 4
+    errors, standing = track(recorder, 12)
+    assert np.abs(errors).max() <= 0.5
+    assert standing.all()
+
+
 def test_stopping_and_starting_again() -> None:
     def movement(t: np.ndarray) -> np.ndarray:
         return 3.3 + 60 * (np.minimum(t, 0.4) + np.maximum(t - 1.6, 0))

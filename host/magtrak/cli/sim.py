@@ -51,9 +51,7 @@ def main(**options: object) -> None:
         from sim.errors import SimError
         from sim.run import run
     except ImportError as error:
-        fail(
-            f"this needs {error.name}, which a checkout has: clone the repository and run 'make setup' there."
-        )
+        fail(f"this needs {error.name}, which a checkout has: clone the repository and run 'make setup' there.")
     try:
         run(**options)  # type: ignore[arg-type]
     except SimError as error:
