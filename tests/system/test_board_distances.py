@@ -65,8 +65,8 @@ def fit(lines, numbers):
             500 * (predicted_x(model, lines[n][:, 1], DISTANCES_MM[n]) - lines[n][:, 0]) / np.sqrt(len(lines[n]))
             for n in numbers
         ]
-        # Zero and tilt can run away together; a ruler's zero is within centimetres. The prediction hardly depends on how
-        # tightly that is said: 2.1 mm at worst for 20 mm as for 100 mm.
+        # Zero and tilt can run away together; a ruler's zero is within centimetres. The prediction hardly depends on
+        # how tightly that is said: 2.1 mm at worst for 20 mm as for 100 mm.
         return np.concatenate([*columns, [model[3] / ZERO_MM, model[4] / TILT_RAD]])
 
     return least_squares(residuals, START, x_scale=[100, 0.1, 0.1, 100, 0.1]).x
