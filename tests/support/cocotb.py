@@ -14,15 +14,19 @@ from sim import verilator
 BUILD = verilator.BUILD.parent / "cocotb"
 
 
-def simulate_cocotb(verilog: str, module: str, *, variables: Mapping[str, str] | None = None) -> None:
-    """Run all tests of a cocotb module on the Verilog module ``top``; fail where one fails.
+def simulate_cocotb(
+    verilog: str, module: str, test: str | None = None, *, variables: Mapping[str, str] | None = None
+) -> None:
+    """Run a test of a cocotb module on the Verilog module ``top``, or all of them; fail where one fails.
 
-    The simulator is built once for each text and kept in ``build/cocotb``.
+    The simulator is built once for each text and kept in ``build/cocotb``. All tests of one call see one simulation,
+    one after the other: a module without reset keeps its state between them.
 
     Parameters
     ----------
     verilog : text with a module ``top``
-    module : importable name, as ``cocotb.tb_core``; its functions see the ports of ``top``
+    module : importable name, as ``tests.cocotb.tb_core``; its functions see the ports of ``top``
+    test : name of one function
     variables : environment variables for the tests
     """
     digest = hashlib.sha256(f"{verilog}\0{version('verilator')}\0{version('cocotb')}".encode()).hexdigest()[:16]
@@ -45,10 +49,11 @@ def simulate_cocotb(verilog: str, module: str, *, variables: Mapping[str, str] |
             timescale=("1ns", "1ps"),
             log_file=folder / "build.log",
         )
-        results = folder / f"{module}.xml"
+        results = folder / f"{module}.{test}.xml"
         runner.test(
             hdl_toplevel="top",
             test_module=module,
+            test_filter=rf"\.{test}$" if test else None,
             build_dir=folder,
             results_xml=str(results),
             extra_env={"PYTHONPATH": str(Path(__file__).resolve().parents[2]), **(variables or {})},
@@ -57,5 +62,5 @@ def simulate_cocotb(verilog: str, module: str, *, variables: Mapping[str, str] |
         os.environ.clear()
         os.environ.update(before)
     tests, failed = get_results(results)
-    assert tests, f"{module} has no test"
+    assert tests, f"{module} has no test {test or ''}"
     assert not failed, f"{failed} of {tests} tests of {module} failed; their output is above"
