@@ -51,7 +51,9 @@ class Outputs:
 @cache
 def library() -> ctypes.CDLL:
     """The compiled card; the first call on a machine compiles it, which takes a while."""
-    loaded = ctypes.CDLL(str(verilator.library(verilator.card_verilog(), Path(__file__).with_name("harness.cpp"))))
+    loaded = ctypes.CDLL(
+        str(verilator.compile_library(verilator.card_verilog(), Path(__file__).with_name("harness.cpp")))
+    )
     pointer, u64, size = ctypes.c_void_p, ctypes.c_uint64, ctypes.c_size_t
     loaded.card_new.argtypes = [ctypes.c_uint32, ctypes.c_double]
     loaded.card_new.restype = pointer

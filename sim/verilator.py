@@ -90,7 +90,7 @@ def card_verilog() -> str:
     return (place / "top.v").read_text()
 
 
-def library(verilog: str, harness: Path) -> Path:
+def compile_library(verilog: str, harness: Path) -> Path:
     """Compile the module ``top`` of a Verilog text and a C++ harness into a shared library.
 
     Parameters
