@@ -1,10 +1,8 @@
 """The registers, made from the map in :mod:`magtrak.protocol`."""
 
 from collections.abc import Iterable
-from functools import reduce
-from operator import or_
 
-from amaranth.hdl import Const, Module, Mux, Shape, Signal, ValueLike
+from amaranth.hdl import Module, Mux, Shape, Signal, ValueLike
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -20,7 +18,7 @@ _OWN = ("magic", "version", "map_hash", "max_columns", "max_rows", "generation",
 _TABLES = tuple(r for r in REGISTERS if r.words > 1)
 """The gate tables, in the order of :class:`~gateware.layouts.LutWrite`'s axes."""
 
-_GROUP = 8  # values merged in one clock
+_GROUP_BITS = 3  # of a register's number: so many values are looked through in one clock
 
 CardStatus = data.StructLayout(
     {r.name: Shape(r.bits, r.signed) for r in REGISTERS if r.scope is Scope.CARD and r.name not in _OWN}
@@ -82,17 +80,22 @@ class RegisterFile(wiring.Component):
         marked = Signal(16)  # the generation that waits
 
         command = Signal(Command)
-        hits = Signal(len(REGISTERS))  # which register is addressed: one bit at most
+        number = Signal(range(len(REGISTERS)))  # which register is addressed
+        known = Signal()
 
         # About the addressed register. Limits have their top bit inverted where it is signed: then
         # comparing without sign is right for both kinds.
-        readable = _merge(m, hits, 1, "readable", (r.access is not Access.WRITE for r in REGISTERS))
-        writable = _merge(m, hits, 1, "writable", (r.access is not Access.READ for r in REGISTERS))
-        setting = _merge(m, hits, 1, "setting", (r.scope is Scope.FRAME for r in REGISTERS))
-        signed = _merge(m, hits, 1, "signed", (r.signed for r in REGISTERS))
-        low = _merge(m, hits, 32, "low", (_biased(r, r.range[0]) for r in REGISTERS))
-        high = _merge(m, hits, 32, "high", (_biased(r, r.range[1]) for r in REGISTERS))
-        current = _merge(m, hits, 32, "current", (self._value(r, pending) for r in REGISTERS))
+        facts = {
+            "readable": _Looked(1, (r.access is not Access.WRITE for r in REGISTERS), "readable"),
+            "writable": _Looked(1, (r.access is not Access.READ for r in REGISTERS), "writable"),
+            "setting": _Looked(1, (r.scope is Scope.FRAME for r in REGISTERS), "setting"),
+            "signed": _Looked(1, (r.signed for r in REGISTERS), "signed"),
+            "low": _Looked(32, (_biased(r, r.range[0]) for r in REGISTERS), "low"),
+            "high": _Looked(32, (_biased(r, r.range[1]) for r in REGISTERS), "high"),
+        }
+        readable, writable, setting, signed, low, high = (fact.value for fact in facts.values())
+        content = _Looked(32, (self._value(r, pending) for r in REGISTERS), "current")
+        current = content.value
 
         biased = Signal(32)
         inside = Signal()
@@ -121,19 +124,26 @@ class RegisterFile(wiring.Component):
                         m.next = "Answer"
 
             with m.State("Find"):
-                for hit, register in zip(hits, REGISTERS, strict=True):
-                    m.d.sync += hit.eq(_addresses(command.address, register))
+                m.d.sync += [known.eq(0), number.eq(0)]
+                with m.Switch(command.address):
+                    for at, register in enumerate(REGISTERS):
+                        with m.Case(_pattern(register)):
+                            m.d.sync += [known.eq(1), number.eq(at)]
                 m.next = "Group"
             with m.State("Group"):
+                for looked in (*facts.values(), content):
+                    looked.group(m, number)
                 m.next = "Merge"
             with m.State("Merge"):
+                for looked in (*facts.values(), content):
+                    looked.merge(m, number)
                 m.next = "Compare"
             with m.State("Compare"):
                 m.d.sync += inside.eq((biased >= low) & (biased <= high))
                 m.next = "Execute"
 
             with m.State("Execute"):
-                with m.If(~hits.any()):
+                with m.If(~known):
                     m.d.sync += code.eq(AnswerCode.UNKNOWN_ADDRESS)
                 with m.Elif(~Mux(command.write, writable, readable)):
                     m.d.sync += code.eq(AnswerCode.NOT_ALLOWED)
@@ -144,19 +154,22 @@ class RegisterFile(wiring.Component):
                 with m.Else():
                     with m.If(setting):
                         m.d.sync += pending.eq(0)
-                    for hit, register in zip(hits, REGISTERS, strict=True):
-                        if register.access is not Access.READ:
-                            with m.If(hit):
-                                self._write(m, register, command, shadow, pending, marked, code)
+                    with m.Switch(number):
+                        for at, register in enumerate(REGISTERS):
+                            if register.access is not Access.READ:
+                                with m.Case(at):
+                                    self._write(m, register, command, shadow, pending, marked, code)
                 m.next = "Regroup"
 
             # What was written shows in what is read.
             with m.State("Regroup"):
+                content.group(m, number)
                 m.next = "Remerge"
             with m.State("Remerge"):
+                content.merge(m, number)
                 m.next = "Read"
             with m.State("Read"):
-                with m.If(readable):
+                with m.If(known & readable):
                     m.d.sync += self.answer.payload.value.eq(current)
                 m.next = "Answer"
             with m.State("Answer"):
@@ -205,30 +218,43 @@ def _inits(scope: Scope) -> dict[str, int]:
     return {r.name: r.init for r in REGISTERS if r.scope is scope and r.access is Access.BOTH}
 
 
-def _addresses(address: ValueLike, register: Register) -> ValueLike:
-    """Whether ``address`` is one of the register's; tables stand at multiples of their size."""
+def _pattern(register: Register) -> str:
+    """The register's addresses, as a pattern; tables stand at multiples of their size."""
     bits = (register.words - 1).bit_length()
     assert register.words == 1 << bits and register.address % register.words == 0, register
-    return address[bits:] == register.address >> bits
+    return f"{register.address >> bits:0{16 - bits}b}" + "-" * bits
 
 
 def _biased(register: Register, value: int) -> int:
     return value & 0xFFFF_FFFF ^ register.signed << 31
 
 
-def _merge(m: Module, hits: Signal, width: int, name: str, values: Iterable[ValueLike]) -> Signal:
-    """The value whose bit in ``hits`` is set, 0 without one, 2 clocks later."""
-    words = []
-    for number, value in enumerate(values):
-        word = Const(value, width) if isinstance(value, int) else Signal(width, name=f"{name}{number}")
-        if isinstance(word, Signal):
-            m.d.comb += word.eq(value)  # with its sign
-        words.append(Mux(hits[number], word, 0))
-    groups = []
-    for start in range(0, len(words), _GROUP):
-        group = Signal(width, name=f"{name}_group{start // _GROUP}")
-        m.d.sync += group.eq(reduce(or_, words[start : start + _GROUP]))
-        groups.append(group)
-    merged = Signal(width, name=name)
-    m.d.sync += merged.eq(reduce(or_, groups))
-    return merged
+class _Looked:
+    """A value for each register, looked up by the register's number in two clocks: :meth:`group`, then :meth:`merge`.
+
+    One clock for all would be too long a way. Nothing moves in other clocks, which spares a simulation much work.
+    """
+
+    def __init__(self, width: int, values: Iterable[ValueLike], name: str) -> None:
+        listed = list(values)
+        size = 1 << _GROUP_BITS
+        self._groups = [
+            (Signal(width, name=f"{name}_group{start // size}"), listed[start : start + size])
+            for start in range(0, len(listed), size)
+        ]
+        self.value = Signal(width, name=name)
+
+    def group(self, m: Module, number: ValueLike) -> None:
+        """In the present clock each group takes the value whose number ends so."""
+        for held, values in self._groups:
+            with m.Switch(number[:_GROUP_BITS]):
+                for at, value in enumerate(values):
+                    with m.Case(at):
+                        m.d.sync += held.eq(value)  # with its sign
+
+    def merge(self, m: Module, number: ValueLike) -> None:
+        """In the present clock ``value`` takes that of the right group."""
+        with m.Switch(number[_GROUP_BITS:]):
+            for at, (held, _) in enumerate(self._groups):
+                with m.Case(at):
+                    m.d.sync += self.value.eq(held)

@@ -21,8 +21,9 @@ from .errors import SimError
 
 BUILD = Path(__file__).resolve().parent.parent / "build" / "verilator"
 
-# The card is one function of straight code: -O2 and -O3 take twice as long and make it no faster.
-CXX = ("g++", "-std=c++17", "-O1", "-fPIC", "-w")
+# The card is one function of straight code: -O2 and -O3 take twice as long and make it no faster. Nobody replaces a
+# function of the library, and the compiler may know it.
+CXX = ("g++", "-std=c++17", "-O1", "-fPIC", "-fno-semantic-interposition", "-w")
 RUNTIME = ("verilated.cpp", "verilated_threads.cpp")
 
 

@@ -144,8 +144,11 @@ class HeaderStore(wiring.Component):
                     step.eq(step + 1),
                     write.en.eq(1),
                     write.addr.eq(Cat(step[: EDGE_BASE.bit_length() - 1], 0, copying)),
-                    write.data.eq(header.as_value().word_select(step, 32)),
                 ]
+                with m.Switch(step):
+                    for word in range(HEADER_WORDS):
+                        with m.Case(word):
+                            m.d.sync += write.data.eq(header.as_value()[32 * word : 32 * (word + 1)])
                 with m.If(step == HEADER_WORDS - 1):
                     m.next = "Complete"
 

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.crc import Processor
-from amaranth.lib.crc.catalog import CRC32_ETHERNET
 from amaranth.lib.wiring import In, Out
 
 from magtrak import protocol
@@ -17,9 +15,7 @@ from magtrak.protocol import AnswerCode, PacketType
 from magtrak.protocol.cobs import CRC, HEADER
 
 from ..layouts import Packets, struct
-
-CRC32 = CRC32_ETHERNET(data_width=8)
-"""CRC-32 of IEEE 802.3, as ``zlib.crc32``."""
+from .crc import Crc32
 
 Answer = struct(protocol.ANSWER)
 
@@ -69,7 +65,7 @@ class PacketSender(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.crc = crc = Processor(CRC32)
+        m.submodules.crc = crc = Crc32()
 
         chosen = Signal(range(len(self.types)))
         sequence = Signal(16)
@@ -169,7 +165,7 @@ class PacketReceiver(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.crc = crc = Processor(CRC32)
+        m.submodules.crc = crc = Crc32()
 
         kept = HEADER.size + protocol.COMMAND.size
         bytes_ = Signal(8 * kept)
@@ -212,7 +208,7 @@ class PacketReceiver(wiring.Component):
                     m.next = "Collect"
 
             with m.State("Check"):
-                with m.If(crc.match_detected & (size >= protocol.cobs.OVERHEAD) & (packet.type >= 0x80)):
+                with m.If(crc.match & (size >= protocol.cobs.OVERHEAD) & (packet.type >= 0x80)):
                     m.d.comb += self.intact.eq(known & right)
                     m.next = "Command"
                 with m.Else():
