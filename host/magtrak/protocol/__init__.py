@@ -39,6 +39,7 @@ from .registers import (
     MotorMode,
     Register,
     Scope,
+    Window,
     map_hash,
     register,
 )
@@ -77,6 +78,7 @@ __all__ = [
     "Register",
     "RowForm",
     "Scope",
+    "Window",
     "cobs_decode",
     "cobs_encode",
     "frame_packet",

@@ -72,6 +72,7 @@ def render() -> str:
     parts += ["### Full row\n", _layout(packets.FULL_ROW)]
     parts += ["### Detectors\n", _enum(registers.Detector)]
     parts += ["### Choices\n", _enum(registers.Choice)]
+    parts += ["### Windows\n", _enum(registers.Window)]
     for heading, causes in (
         ("Laser causes", registers.LaserCause),
         ("Motor modes", registers.MotorMode),

@@ -44,16 +44,31 @@ class Scope(enum.Enum):
 
 
 class Detector(enum.IntEnum):
-    """How the position of a run is measured."""
+    """How a row's position is measured."""
 
-    BINARY = 0
-    FIR = 1
+    BINARY = 0  # the paper's: mean column of all gated pixels
+    FIR = 1  # zero crossing of the smoothed derivative
+    CENTROID = 2  # mean column by grey value: of the run, or of a window about the crossing
+    MAXIMUM = 3  # column of the greatest weight of the run
 
 
 class Choice(enum.IntEnum):
-    """Which peak of a row counts."""
+    """Which of a row's runs counts."""
 
     STRONGEST = 0
+    FIRST = 1
+    LAST = 2
+    WIDEST = 3
+    NEAREST = 4  # to the last row of the image that had a line; the strongest where there is none
+
+
+class Window(enum.IntEnum):
+    """Over which columns a centroid goes."""
+
+    RUN = 0
+    HALF_7 = 1
+    HALF_15 = 2
+    HALF_31 = 3
 
 
 class IndexPolicy(enum.IntEnum):
@@ -230,6 +245,16 @@ REGISTERS: tuple[Register, ...] = (
         "added to the calibration's time offset by the host; only passed on",
         "ns",
         signed=True,
+    ),
+    _frame("isolate", 0x0112, 4, "gated neighbours of 8 that a gated pixel needs to stay; 0: all stay", high=8),
+    _frame("centroid_window", 0x0113, 2, "a Window: 0 the run, 1 to 3: 7, 15, 31 columns to each side", init=1),
+    _frame(
+        "centroid_base",
+        0x0114,
+        4,
+        "part of the window's greatest mix that its base lies above the brighter of its ends",
+        "1/16",
+        init=2,
     ),
     *(
         Register(
