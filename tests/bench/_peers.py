@@ -1,4 +1,4 @@
-"""What people do in software: row by row, with the thresholds that were published with them. NaN where they find nothing.
+"""What people do in software, row by row, with the thresholds published with it. NaN where nothing is found.
 
 Each is written from its description. The peers read the same pixels as the card.
 """

@@ -52,7 +52,10 @@ class MeasuringCard:
         self._run(self.core.clock + SLICE)
 
     def measure(self, image: np.ndarray, *, blanking: int = BLANKING, row_period: int = ROW_PERIOD) -> Frame:
-        """The frame of one (rows, columns, 3) image, whose rows come as tightly as stated."""
+        """The frame of one (rows, columns, 3) image.
+
+        ``blanking``: clocks from a row's last pixel to the next one's first; ``row_period``: at least, from row to row.
+        """
         self.show(image, blanking=blanking, row_period=row_period)
         return self.finish(1)[0]
 
@@ -65,9 +68,9 @@ class MeasuringCard:
         gap: int = FRAME_GAP,
         end: bool = True,
     ) -> None:
-        """Let an image pass the camera; ``gap`` clocks before it, and (``end``) its end reported with the last pixel."""
+        """Let an image pass the camera, ``gap`` clocks from now; ``end``: its end is reported right after."""
         rows, columns = image.shape[:2]
-        starts = self.core.clock + gap + max(columns + blanking, row_period) * np.arange(rows, dtype=np.int64)
+        starts = self.core.clock + gap + max(columns - 1 + blanking, row_period) * np.arange(rows, dtype=np.int64)
         # The end is reported in the first clock without a pixel.
         self.core.rows(starts, image, frame_first=True, end=int(starts[-1]) + columns if end else None)
         self._run(int(starts[-1]) + columns + 1)
