@@ -98,13 +98,15 @@ class Monitor(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         i, valid = self.video.pixel.p, self.video.pixel.valid
-        in_frame, seen = Signal(), Signal()
+        in_frame = Signal()
+        seen = Signal()  # a frame has begun since reset
         in_row = Signal()  # the camera is within a row
         sending = Signal()  # a row is going out
         late = Signal()  # the camera's row has not gone out yet: it came too early
         lost = Signal()  # a row of this frame is missing
         fresh = Signal()  # no row of this frame has gone out
-        row_count, columns = Signal(12), Signal(12)
+        row_count = Signal(12)
+        columns = Signal(12, name="columns_out")
 
         first, begin = Signal(), Signal()
         m.d.comb += [first.eq(valid & i.row_first), begin.eq(first & i.frame_first)]
@@ -123,8 +125,10 @@ class Monitor(wiring.Component):
         full = Signal()  # the frame has all the rows that it may have
         flushing = self._within(m, MIN_BLANKING, out_last, "flush")
         # A row that comes too early waits for the period of the one before, while its own has begun.
-        period_left, wait_left = Signal(range(MIN_ROW_PERIOD)), Signal(range(MIN_ROW_PERIOD))
-        in_period, waits = Signal(), Signal()  # the two are not 0, ahead of time
+        period_left = Signal(range(MIN_ROW_PERIOD))
+        wait_left = Signal(range(MIN_ROW_PERIOD))
+        in_period = Signal()  # period_left != 0, ahead of time
+        waits = Signal()  # wait_left != 0, ahead of time
         early = Mux(i.row_first, in_period, waits)
         with m.If(belongs & i.row_first):
             m.d.sync += [

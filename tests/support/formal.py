@@ -12,7 +12,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from amaranth.back.rtlil import convert
-from amaranth.hdl import ClockDomain, Module
+from amaranth.hdl import ClockDomain, Elaboratable, Fragment, Module, Signal
+from amaranth.hdl._ast import SignalSet
 from amaranth.lib import wiring
 
 BUILD = Path(__file__).resolve().parents[2] / "build" / "formal"
@@ -21,6 +22,34 @@ BIN = Path(sys.executable).parent
 
 class ProofError(AssertionError):
     """A property does not hold, or could not be decided in time; the text names the log."""
+
+
+class Opened(Elaboratable):
+    """A component whose inner registers a proof may name.
+
+    Parameters
+    ----------
+    component : elaborated at once; its ports are used as ever
+
+    Raises
+    ------
+    KeyError
+        From ``opened[name]``: not just one signal that the component itself drives has that name.
+    """
+
+    def __init__(self, component: wiring.Component) -> None:
+        self._fragment = Fragment.get(component, None)
+        statements = [one for domain in self._fragment.statements.values() for one in domain]
+        self._driven = SignalSet(signal for statement in statements for signal in statement._lhs_signals())
+
+    def __getitem__(self, name: str) -> Signal:
+        found = [signal for signal in self._driven if signal.name == name]
+        if len(found) != 1:
+            raise KeyError(f"{name} is the name of {len(found)} signals")
+        return found[0]
+
+    def elaborate(self, platform):
+        return self._fragment
 
 
 def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int = 120) -> None:
