@@ -44,18 +44,18 @@ OTHERS: tuple[tuple[str, Callable[[], wiring.Component]], ...] = (
 
 HEAD = f"""# What the gateware takes
 
-Rendered by `python -m docs.resources`: Yosys and nextpnr as `requirements.lock` has them, seed 1. Cells, block RAMs and multipliers
-are those of the block alone; its frequency is that between registers at all of its ports. Images of up to 2048 columns, frames of
-up to {MAX_ROWS} rows.
+Rendered by `python -m docs.resources`: Yosys and nextpnr as `requirements.lock` has them, seed 1. Cells, block RAMs
+and multipliers are those of the block alone; its frequency is that between registers at all of its ports. Images of up
+to 2048 columns, frames of up to {MAX_ROWS} rows.
 
-`Pixels` holds `HLS`, `Gate` and `Weight`; `Vision` is the whole path from pixels to rows; `Core` is everything but the board.
+`Pixels` holds `HLS`, `Gate` and `Weight`; `Vision` is the whole path from pixels to rows; `Core` is everything but
+the board.
 """
 
 PIXEL_PATH = """## The pixel path
 
-No multiplier is inferred and no block RAM is read without a register behind it: the column of multipliers shows the first, and
-`tests/gateware/test_synthesis.py` both, in the netlist of `Vision`. An inferred multiplier takes 132 to 146 MHz on this FPGA, a bare
-block-RAM read 136 to 149 (`tests` of the tool chain before the design; see the architecture).
+No multiplier is inferred and no block RAM is read without a register right behind it: both are slow on an ECP5.
+`tests/gateware/test_synthesis.py` proves it of the netlist of `Vision`.
 """
 
 

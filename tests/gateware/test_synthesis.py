@@ -1,0 +1,54 @@
+"""What makes the pixel path fast, in its netlist for an ECP5."""
+
+import pytest
+from amaranth.hdl import Module, Signal
+from amaranth.lib import memory, wiring
+from amaranth.lib.wiring import In, Out
+
+from gateware.vision.vision import Vision
+from tests.support.synthesis import ECP5, bare_reads, netlist
+
+
+def multipliers(top) -> list[str]:
+    return [name for name, cell in top["cells"].items() if "MULT" in cell["type"]]
+
+
+def test_pixel_path_has_no_inferred_multiplier_and_no_bare_read(tmp_path):
+    top = netlist(Vision(), ECP5, tmp_path)
+    assert len(top["cells"]) > 1000
+    assert not multipliers(top)
+    assert not bare_reads(top)
+
+
+class Both(wiring.Component):
+    """What must not be: a product, and a block RAM whose output goes through logic."""
+
+    a: In(10)
+    b: In(10)
+    write: In(1)
+    product: Out(20)
+    read: Out(10)
+
+    def __init__(self, registers: int) -> None:
+        self.registers = registers
+        super().__init__()
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.table = table = memory.Memory(shape=10, depth=1024, init=[])
+        write, read = table.write_port(), table.read_port()
+        m.d.comb += [write.addr.eq(self.a), write.data.eq(self.b), write.en.eq(self.write), read.addr.eq(self.b)]
+        value = read.data
+        for number in range(self.registers):
+            register = Signal(10, name=f"register_{number}")
+            m.d.sync += register.eq(value)
+            value = register
+        m.d.sync += [self.product.eq(self.a * self.b), self.read.eq(value ^ self.a)]
+        return m
+
+
+@pytest.mark.parametrize("registers", [0, 1])
+def test_both_would_be_found(tmp_path, registers):
+    top = netlist(Both(registers), ECP5, tmp_path)
+    assert multipliers(top)
+    assert bool(bare_reads(top)) == (registers == 0)
