@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from amaranth.back.rtlil import convert
-from amaranth.hdl import ClockDomain, Module
+from amaranth.hdl import ClockDomain, Module, Signal
 from amaranth.lib import wiring
 
 BUILD = Path(__file__).resolve().parents[2] / "build" / "formal"
@@ -21,6 +21,15 @@ BIN = Path(sys.executable).parent
 
 class ProofError(AssertionError):
     """A property does not hold, or could not be decided in time; the text names the log."""
+
+
+def past(m: Module, value, clocks: int = 1, init: int = 0):
+    """``value`` some clocks ago; ``init`` before reset. Not for use within a condition: the registers get it, too."""
+    for _ in range(clocks):
+        register = Signal(value.shape(), init=init)
+        m.d.sync += register.eq(value)
+        value = register
+    return value
 
 
 def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int = 120) -> None:
