@@ -1,17 +1,28 @@
 """Products and quotients without an inferred multiplier: shift, add, subtract, one row of carries a clock."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, signed, unsigned
+from amaranth.hdl import Cat, Const, Module, Mux, ShapeCastable, Signal, Value, signed, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+WORD_BITS = 64
+
 
 def delayed(m: Module, value, clocks: int, name: str):
-    """``value`` as it was ``clocks`` clocks ago; the registers have no reset."""
-    for clock in range(clocks):
-        register = Signal(value.shape(), name=f"{name}_{clock + 1}", reset_less=True)
-        m.d.sync += register.eq(value)
-        value = register
-    return value
+    """``value`` as it was ``clocks`` clocks ago; the registers have no reset.
+
+    Words of up to 64 bits hold as many clocks as fit: a simulator then moves one word instead of many.
+    """
+    plain, shape = Value.cast(value), value.shape()
+    bits = len(plain)
+    while clocks:
+        held = min(clocks, max(1, WORD_BITS // max(1, bits)))
+        line = Signal(bits * held, name=f"{name}_{clocks}", reset_less=True)
+        m.d.sync += line.eq(Cat(plain, line))
+        plain = line[bits * (held - 1) :]
+        clocks -= held
+    if isinstance(shape, ShapeCastable):
+        return shape(plain)
+    return plain.as_signed() if shape.signed else plain
 
 
 def adder_tree(terms: list, register):
@@ -87,9 +98,10 @@ class Multiply(wiring.Component):
 
 
 class PipelinedDivider(wiring.Component):
-    """An unsigned quotient per clock: restoring division, one bit of the quotient a stage.
+    """An unsigned quotient per clock: restoring division, two bits of the quotient a stage.
 
-    Source: any text on computer arithmetic, e.g. B. Parhami, *Computer Arithmetic*, section 13.2.
+    The first stage finds three times the divisor, and the first bit where their number is odd.
+    Source: any text on computer arithmetic, e.g. B. Parhami, *Computer Arithmetic*, sections 13.2 and 14.2.
 
     Parameters
     ----------
@@ -124,31 +136,36 @@ class PipelinedDivider(wiring.Component):
     @property
     def latency(self) -> int:
         """Clocks from dividend and divisor to the quotient."""
-        return self.quotient_bits
+        return 1 + self.quotient_bits // 2
 
     def elaborate(self, platform):
         m = Module()
-        rest, divisor = self.dividend[self.quotient_bits :], self.divisor
-        low = self.dividend[: self.quotient_bits]
-        quotient = None
-        for stage in range(self.quotient_bits):
-            rest, bit = _divide_step(m, rest, low[-1], divisor, f"{stage}")
+        # The dividend's low bits leave at the top while the quotient's enter at the bottom.
+        bits, rest = self.dividend[: self.quotient_bits], self.dividend[self.quotient_bits :]
+        divisor, triple = self.divisor, _triple(self.divisor)
+        for stage in range(self.latency):
+            digit = Const(0, 0)
+            if stage > 0:
+                rest, digit = _divide_two_bits(m, rest, bits[-2:], divisor, triple, f"{stage}")
+            elif self.quotient_bits % 2:
+                rest, digit = _divide_bit(m, rest, bits[-1], divisor, f"{stage}")
+            bits = delayed(m, Cat(digit, bits)[: self.quotient_bits], 1, f"bits{stage}")
             rest = delayed(m, rest, 1, f"rest{stage}")
-            quotient = delayed(m, bit if quotient is None else Cat(bit, quotient), 1, f"quotient{stage}")
-            if stage + 1 < self.quotient_bits:
-                divisor = delayed(m, divisor, 1, f"divisor{stage}")
-                low = delayed(m, low[:-1], 1, f"low{stage}")
-        m.d.comb += self.quotient.eq(quotient)
+            if stage + 1 < self.latency:
+                divisors = delayed(m, Cat(divisor, triple), 1, f"divisors{stage}")
+                divisor, triple = divisors[: self.divisor_bits], divisors[self.divisor_bits :]
+        m.d.comb += self.quotient.eq(bits)
         return m
 
 
 class SerialDivider(wiring.Component):
-    """An unsigned quotient now and then: restoring division, one bit of the quotient a clock.
+    """An unsigned quotient now and then: restoring division, one or two bits of the quotient a clock.
 
     Parameters
     ----------
     divisor_bits : width of the divisor
     quotient_bits : width of the quotient
+    bits_per_clock : 1, or 2 for half the clocks and about three times the logic
 
     Members
     -------
@@ -162,14 +179,17 @@ class SerialDivider(wiring.Component):
     Raises
     ------
     ValueError
-        A width is less than 1.
+        A width is less than 1, or ``bits_per_clock`` neither 1 nor 2.
     """
 
-    def __init__(self, divisor_bits: int, quotient_bits: int) -> None:
+    def __init__(self, divisor_bits: int, quotient_bits: int, bits_per_clock: int = 1) -> None:
         if divisor_bits < 1 or quotient_bits < 1:
             raise ValueError(f"a divider of {divisor_bits} and {quotient_bits} bits; at least 1 each is needed")
+        if bits_per_clock not in (1, 2):
+            raise ValueError(f"bits_per_clock is {bits_per_clock}; 1 and 2 are possible")
         self.divisor_bits = divisor_bits
         self.quotient_bits = quotient_bits
+        self.bits_per_clock = bits_per_clock
         super().__init__(
             {
                 "start": In(1),
@@ -183,27 +203,38 @@ class SerialDivider(wiring.Component):
 
     @property
     def latency(self) -> int:
-        """Clocks from ``start`` to ``done``: one to load, one for each bit."""
-        return 1 + self.quotient_bits
+        """Clocks from ``start`` to ``done``: one to load, one for each digit."""
+        return 1 + self._digits
+
+    @property
+    def _digits(self) -> int:
+        return -(-self.quotient_bits // self.bits_per_clock)
 
     def elaborate(self, platform):
         m = Module()
         rest = Signal(self.divisor_bits, reset_less=True)
         divisor = Signal(self.divisor_bits, reset_less=True)
-        left = Signal(self.quotient_bits)  # a one that is shifted out with the last bit
-        reduced, bit = _divide_step(m, rest, self.quotient[-1], divisor, "step")
-        m.d.comb += self.busy.eq(left.any())
+        bits = Signal(self._digits * self.bits_per_clock)  # with one more, 0, if odd
+        left = Signal(self._digits)  # a one that is shifted out with the last digit
+        if self.bits_per_clock == 1:
+            reduced, digit = _divide_bit(m, rest, bits[-1], divisor, "step")
+        else:
+            triple = Signal(self.divisor_bits + 2, reset_less=True)
+            with m.If(self.start):
+                m.d.sync += triple.eq(_triple(self.divisor))
+            reduced, digit = _divide_two_bits(m, rest, bits[-2:], divisor, triple, "step")
+        m.d.comb += [self.busy.eq(left.any()), self.quotient.eq(bits)]
         m.d.sync += self.done.eq(0)
         with m.If(self.start):
-            # The dividend's low bits leave `quotient` at the top while the result enters at the bottom.
+            # The dividend's low bits leave at the top while the quotient's enter at the bottom.
             m.d.sync += [
-                Cat(self.quotient, rest).eq(self.dividend),
+                Cat(bits, rest).eq(self.dividend),
                 divisor.eq(self.divisor),
                 left.eq(1),
             ]
         with m.Elif(self.busy):
             m.d.sync += [
-                self.quotient.eq(Cat(bit, self.quotient)),
+                bits.eq(Cat(digit, bits)),
                 rest.eq(reduced),
                 left.eq(left << 1),
                 self.done.eq(left[-1]),
@@ -211,10 +242,31 @@ class SerialDivider(wiring.Component):
         return m
 
 
-def _divide_step(m: Module, rest, next_bit, divisor, name: str):
+def _triple(divisor):
+    return divisor + (divisor << 1)
+
+
+def _divide_bit(m: Module, rest, next_bit, divisor, name: str):
     """Rest and quotient bit after one more bit of the dividend; ``rest < divisor`` before and after."""
     trial = Signal(unsigned(len(divisor) + 1), name=f"trial_{name}")
     difference = Signal(signed(len(divisor) + 2), name=f"difference_{name}")
     bit = Signal(name=f"bit_{name}")
     m.d.comb += [trial.eq(Cat(next_bit, rest)), difference.eq(trial - divisor), bit.eq(~difference[-1])]
     return Mux(bit, difference[: len(divisor)], trial[: len(divisor)]), bit
+
+
+def _divide_two_bits(m: Module, rest, next_bits, divisor, triple, name: str):
+    """As :func:`_divide_bit` for two bits: three differences side by side, of which the least that fits is the rest."""
+    width = len(divisor)
+    trial = Signal(unsigned(width + 2), name=f"trial_{name}")
+    m.d.comb += trial.eq(Cat(next_bits, rest))
+    rests, fits = [trial[:width]], []
+    for times, multiple in enumerate((divisor, divisor << 1, triple), 1):
+        difference = Signal(signed(width + 3), name=f"difference{times}_{name}")
+        fit = Signal(name=f"fits{times}_{name}")
+        m.d.comb += [difference.eq(trial - multiple), fit.eq(~difference[-1])]
+        rests.append(difference[:width])
+        fits.append(fit)
+    once, twice, thrice = fits
+    reduced = Mux(twice, Mux(thrice, rests[3], rests[2]), Mux(once, rests[1], rests[0]))
+    return reduced, Cat(Mux(twice, thrice, once), twice)

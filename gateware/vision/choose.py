@@ -1,84 +1,112 @@
-"""The best candidate of a row for its peak, and the next best."""
+"""The run of a row that counts, and the best of the others."""
 
-from amaranth.hdl import Module, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from magtrak.protocol import Choice
+
 from ..layouts import FrameSettings
-from .runs import Run
+from .runs import Crossing, Run, assign
 
 
-class Chosen(data.Struct):
-    """The run that holds the row's peak, and the runner-up: its strength, and its column in halves."""
+class Rival(wiring.Signature):
+    """What else might be the row's peak: where it stands, and how strong it is.
 
-    found: 1
-    run: Run
-    second_found: 1
-    second_strength: 20
-    second_halves: 13
+    ``crossed``: ``crossing`` is one; else its ``halves`` are the middle of a run.
+    """
+
+    def __init__(self) -> None:
+        super().__init__({"crossed": Out(1), "strength": Out(20), "crossing": Out(Crossing())})
 
 
 class Choose(wiring.Component):
-    """Keeps the strongest candidate of the runs that count, the first on ties; and the next by the same rule.
+    """Picks one of the runs that count by ``choice``, and keeps the strongest of the others.
 
     A run counts if it has enough gated pixels within reach and a width that is allowed: see
-    :func:`magtrak.reference.find_runs`. Each brings its two best candidates: either may be the row's.
+    :func:`magtrak.reference.find_runs`. What is chosen, and what becomes of a run that another displaces, is told by
+    :func:`magtrak.reference.measure`.
 
     Members
     -------
-    settings : ``run_gated``, ``run_width_min`` and ``run_width_max`` are used
-    run : stream of :class:`~gateware.vision.runs.Run`, always ready; at most one in two clocks
+    settings : ``choice``, ``run_gated``, ``run_width_min`` and ``run_width_max`` are used
+    valid, run : a :class:`~gateware.vision.runs.Run`, at most one in two clocks; it stands until the next
     clear : strobe that forgets all runs, to begin a row
-    o : the choice among the runs since, :attr:`latency` clocks after the last
+    image_first : strobe: an image begins, the line has no place yet
+    take : the run of the clock before is chosen now; it shows in ``chosen`` from the next clock on
+    found, chosen : a run counts; the one chosen of those since ``clear``, :attr:`latency` clocks after the last
+    other_found, other : the strongest of the others
+    place : ``centre`` of what was chosen at the last ``clear``
     """
 
     settings: In(FrameSettings)
-    run: In(stream.Signature(Run, always_ready=True))
+    valid: In(1)
+    run: In(Run())
     clear: In(1)
-    o: Out(Chosen)
+    image_first: In(1)
+    take: Out(1)
+    found: Out(1)
+    chosen: Out(Run())
+    other_found: Out(1)
+    other: Out(Rival())
+    place: Out(12)
 
     latency = 2
     """Clocks from a run to the choice: compare, take."""
 
     def elaborate(self, platform):
         m = Module()
-        run, best = self.run.p, self.o
+        run, best, other = self.run, self.chosen, self.other
+        placed = Signal()  # the image has had a line
+        with m.If(self.image_first):
+            m.d.sync += placed.eq(0)
+        with m.Elif(self.clear & self.found):
+            m.d.sync += [placed.eq(1), self.place.eq(best.centre)]
+
         # Runs come at least two clocks apart, so the run still stands while it is taken, and the one before has been.
-        enough, wide, narrow = Signal(), Signal(), Signal()
-        better, second, both = Signal(), Signal(), Signal()
-        compared = Signal()
+        compared, enough, wide, narrow = Signal(), Signal(), Signal(), Signal()
+        stronger, wider, nearer, outdoes, held = Signal(), Signal(), Signal(), Signal(), Signal()
         m.d.sync += [
-            compared.eq(self.run.valid),
+            compared.eq(self.valid),
             enough.eq(run.gated >= self.settings.run_gated),
             wide.eq(run.width >= self.settings.run_width_min),
             narrow.eq(run.width <= self.settings.run_width_max),
-            better.eq(run.strength > best.run.strength),
-            second.eq(run.strength > best.second_strength),
-            both.eq(run.second_found & (run.second_strength > best.run.strength)),
+            stronger.eq(run.strength > best.strength),
+            wider.eq(run.width > best.width),
+            nearer.eq(run.away < best.away),
+            outdoes.eq(~self.other_found | (run.strength > other.strength)),
+            held.eq(~self.other_found | (best.strength >= other.strength)),
+        ]
+        better, counts = Signal(), Signal()
+        with m.Switch(self.settings.choice):
+            with m.Case(Choice.FIRST):
+                m.d.comb += better.eq(0)
+            with m.Case(Choice.LAST):
+                m.d.comb += better.eq(1)
+            with m.Case(Choice.WIDEST):
+                m.d.comb += better.eq(wider)
+            with m.Case(Choice.NEAREST):
+                m.d.comb += better.eq(Mux(placed, nearer, stronger))
+            with m.Default():
+                m.d.comb += better.eq(stronger)
+        m.d.comb += [
+            counts.eq(compared & enough & wide & narrow & ~self.clear),
+            self.take.eq(counts & (better | ~self.found)),
         ]
         with m.If(self.clear):
-            m.d.sync += [best.found.eq(0), best.second_found.eq(0)]
-        with m.Elif(compared & enough & wide & narrow):
-            with m.If(better | ~best.found):
-                m.d.sync += [
-                    best.found.eq(1),
-                    best.run.eq(run),
-                    best.second_found.eq(best.found | run.second_found),
-                ]
-                with m.If(best.found & ~both):
-                    m.d.sync += [
-                        best.second_strength.eq(best.run.strength),
-                        best.second_halves.eq(best.run.halves),
-                    ]
-                with m.Else():
-                    m.d.sync += [
-                        best.second_strength.eq(run.second_strength),
-                        best.second_halves.eq(run.second_halves),
-                    ]
-            with m.Elif(second | ~best.second_found):
-                m.d.sync += [
-                    best.second_found.eq(1),
-                    best.second_strength.eq(run.strength),
-                    best.second_halves.eq(run.halves),
-                ]
+            m.d.sync += [self.found.eq(0), self.other_found.eq(0)]
+        with m.If(self.take):
+            m.d.sync += [self.found.eq(1), *assign(best, run, Run())]
+            with m.If(self.found & held):
+                m.d.sync += [self.other_found.eq(1), *_stand(other, best)]
+        with m.Elif(counts & outdoes):
+            m.d.sync += [self.other_found.eq(1), *_stand(other, run)]
         return m
+
+
+def _stand(other, run) -> list:
+    return [
+        other.crossed.eq(run.crossed),
+        other.strength.eq(run.strength),
+        *assign(other.crossing, run.crossing, Crossing()),
+    ]

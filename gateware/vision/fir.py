@@ -24,6 +24,7 @@ class Fir(wiring.Component):
     distance : columns back to the last one where it was positive, at least 1
     rise : the derivative there
     contrast : ``rise`` and the magnitude of the derivative here
+    late : ``rise`` is at least that magnitude: the crossing is in the second half of the way from there to here
     """
 
     step: In(1)
@@ -33,6 +34,7 @@ class Fir(wiring.Component):
     distance: Out(12)
     rise: Out(DERIVATIVE_MAX.bit_length())
     contrast: Out(CONTRAST_MAX.bit_length())
+    late: Out(1)
 
     reference = staticmethod(fir.crossings)
 
@@ -79,6 +81,7 @@ class Fir(wiring.Component):
                 self.distance.eq(since),
                 self.rise.eq(risen),
                 self.contrast.eq(risen - here),
+                self.late.eq(risen + here >= 0),
             ]
             with m.If(up):
                 m.d.sync += risen.eq(here)

@@ -5,12 +5,14 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import Detector
+from magtrak.protocol import Window as Span
 from magtrak.reference import measure
-from magtrak.reference.fir import BEND, FRACTION, REACH
+from magtrak.reference.fir import BEND, FRACTION
 
-from ..arithmetic import SerialDivider, delayed
+from ..arithmetic import SerialDivider
 from ..layouts import FrameSettings, Row, RowResult
-from .choose import Chosen
+from .choose import Rival
+from .runs import Crossing, Run, assign
 from .spread import Gated
 
 FRACTION_BITS = (FRACTION - 1).bit_length()
@@ -19,35 +21,45 @@ FRACTION_BITS = (FRACTION - 1).bit_length()
 class Peak(wiring.Component):
     """Divides, and writes the record, as :func:`magtrak.reference.measure` defines it.
 
-    Two serial dividers work at once, one on the position (in 1/512 px, then rounded), one on the runner-up's ratio. A
-    row that ends while they are at work waits, up to 9 clocks; it can only be shorter than the one before, which breaks
-    the camera's contract.
+    Two serial dividers work at once, one on the position (in 1/512 px, then rounded), one on the runner-up: its ratio
+    first, then its place. A row that ends while they are at work waits, up to 9 clocks; it can only be shorter than the
+    one before, which breaks the camera's contract.
 
     Parameters
     ----------
     max_columns : columns of an image, 2 to 2048
+    window_latency : clocks from ``taken`` to ``window_position``
 
     Members
     -------
     settings : the detector, and what cut and ambiguous depend on, are used
-    end : strobe, ``chosen`` and ``gated`` hold the whole row
-    chosen, gated : what was found; they have to stand until ``taken``
+    end : strobe, the row is whole
+    found, chosen, other_found, other, gated : what was found in it; they have to stand until ``taken``
     taken : strobe
+    window_position, window_some, window_whole : of the window that was begun at ``taken``
     o : stream of :class:`~gateware.layouts.RowResult`, always ready, :attr:`latency` clocks after ``end``
     """
 
-    def __init__(self, max_columns: int = 2048) -> None:
+    def __init__(self, max_columns: int, window_latency: int) -> None:
         if not 2 <= max_columns <= 2048:
             raise ValueError(f"max_columns is {max_columns}; 2 to 2048 are possible")
         self.max_columns = max_columns
-        self._position = SerialDivider(16, (max_columns - 1).bit_length() + FRACTION_BITS)
+        self.window_latency = window_latency
+        self._position = SerialDivider(20, (max_columns - 1).bit_length() + FRACTION_BITS)
+        self._rival = SerialDivider(20, FRACTION_BITS)
         super().__init__(
             {
                 "settings": In(FrameSettings),
                 "end": In(1),
-                "chosen": In(Chosen),
+                "found": In(1),
+                "chosen": In(Run()),
+                "other_found": In(1),
+                "other": In(Rival()),
                 "gated": In(Gated),
                 "taken": Out(1),
+                "window_position": In(20),
+                "window_some": In(1),
+                "window_whole": In(1),
                 "o": Out(stream.Signature(RowResult, always_ready=True)),
             }
         )
@@ -56,13 +68,17 @@ class Peak(wiring.Component):
 
     @property
     def latency(self) -> int:
-        """Clocks from ``end`` to the record: divide, straighten, write."""
-        return self._position.latency + 2
+        """Clocks from ``end`` to the record: the longest way and one to write. Dividing and placing comes first on the
+        one way; choosing the runner-up, two quotients and placing on the other.
+        """
+        position = self._position.latency + 3
+        rival = 2 + 2 * self._rival.latency + 3
+        return max(position, rival, self.window_latency) + 1
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.position = position = self._position
-        m.submodules.ratio = ratio = SerialDivider(20, 9)
+        m.submodules.rival = rival_divider = self._rival
 
         waiting = Signal()
         # Free again in time for the next row's take to find the record written.
@@ -73,117 +89,169 @@ class Peak(wiring.Component):
             m.d.sync += busy.eq(1)
         with m.Elif(self.o.valid):
             m.d.sync += busy.eq(0)
+        steps = Signal(self.latency - 1)
+        m.d.sync += steps.eq(Cat(self.taken, steps))
 
-        chosen, gated = Signal(Chosen, reset_less=True), Signal(Gated, reset_less=True)
+        found, own, other_found = Signal(), Signal(), Signal()
+        run = Run().create(path=("run",))
+        other = Rival().create(path=("other",))
+        gated = Signal(Gated, reset_less=True)
         with m.If(self.taken):
-            m.d.sync += [chosen.eq(self.chosen), gated.eq(self.gated)]
-        run, crossing = chosen.run, chosen.run.crossing
-        binary = Signal()
-        m.d.comb += binary.eq(self.settings.detector == Detector.BINARY)
-
-        # Divide. A crossing's rise is less than its contrast, a mean column less than max_columns: both quotients fit.
-        numerator = Signal(gated.columns.shape())
-        taken = self.chosen.run.crossing
-        m.d.comb += [
-            numerator.eq(Mux(binary, self.gated.columns, taken.rise)),
-            position.dividend.eq(numerator << FRACTION_BITS),
-            position.divisor.eq(Mux(binary, self.gated.total, taken.contrast)),
-            position.start.eq(self.taken),
-            ratio.dividend.eq(self.chosen.second_strength << 8),
-            ratio.divisor.eq(self.chosen.run.strength),
-            ratio.start.eq(self.taken),
+            m.d.sync += [
+                found.eq(self.found),
+                other_found.eq(self.found & self.other_found),
+                own.eq(
+                    self.chosen.second_found
+                    & (~self.other_found | (self.chosen.second.contrast >= self.other.strength))
+                ),
+                *assign(run, self.chosen, Run()),
+                *assign(other, self.other, Rival()),
+                gated.eq(self.gated),
+            ]
+        detector = self.settings.detector
+        binary, centroid, maximum, of_run = Signal(), Signal(), Signal(), Signal()
+        m.d.sync += [
+            binary.eq(detector == Detector.BINARY),
+            centroid.eq(detector == Detector.CENTROID),
+            maximum.eq(detector == Detector.MAXIMUM),
+            of_run.eq(self.settings.centroid_window == Span.RUN),
         ]
+        by_run, by_window = centroid & of_run, centroid & ~of_run
 
-        # Straighten: half columns and a share in 1/512 px, 1 more to round half up.
-        halves = Signal(13)
-        share = Signal(position.quotient_bits)
-        straight, single = Signal(), Signal()
-        m.d.sync += [straight.eq(crossing.straight), single.eq(crossing.single)]
-        bend = Array(Const(1 - value, signed(4)) for value in BEND)[
-            position.quotient[FRACTION_BITS - 5 : FRACTION_BITS]
-        ]
+        # The position's quotient: mean column of gated pixels, distance from the run's last column, or the crossing's
+        # share of a column. All fit: a mean is less than max_columns, a rise less than its contrast.
+        numerator, divisor = Signal(30), Signal(20)
         with m.If(binary):
-            m.d.sync += [halves.eq(0), share.eq(position.quotient + 1)]
-        with m.Elif(~run.crossed):
-            m.d.sync += [halves.eq(run.halves), share.eq(1)]
+            m.d.comb += [numerator.eq(self.gated.columns), divisor.eq(self.gated.total)]
+        with m.Elif(by_run):
+            m.d.comb += [numerator.eq(self.chosen.moment), divisor.eq(self.chosen.sum)]
         with m.Else():
-            m.d.sync += halves.eq(run.halves - 1)
-            with m.If(straight):
-                m.d.sync += share.eq(position.quotient[:FRACTION_BITS] + bend)
-            with m.Elif(single):
-                m.d.sync += share.eq(FRACTION // 2 + 1)
+            m.d.comb += [numerator.eq(self.chosen.crossing.rise), divisor.eq(self.chosen.crossing.contrast)]
+        m.d.comb += [
+            position.start.eq(self.taken),
+            position.dividend.eq(numerator << FRACTION_BITS),
+            position.divisor.eq(divisor),
+        ]
+        crossed_base, crossed_share = _straighten(m, "own", run.crossing, run.crossed, position.quotient)
+        base, share = Signal(13), Signal(signed(position.quotient_bits + 2))
+        fine = Signal(21)
+        m.d.sync += [base.eq(0), share.eq(1)]
+        with m.If(binary):
+            m.d.sync += share.eq(position.quotient + 1)
+        with m.Elif(by_run):
+            m.d.sync += [base.eq(run.last << 1), share.eq(1 - position.quotient)]
+        with m.Elif(by_window):  # where nothing rose above its base
+            m.d.sync += base.eq(run.crossing.halves)
+        with m.Elif(maximum):
+            m.d.sync += base.eq(run.peak_first + run.peak_last)
+        with m.Else():
+            m.d.sync += [base.eq(crossed_base), share.eq(crossed_share)]
+        m.d.sync += fine.eq((base << (FRACTION_BITS - 1)) + share)
+
+        # The runner-up: chosen, compared, placed.
+        rival = Rival().create(path=("rival",))
+        rivals, as_strong = Signal(), Signal()
+        ratio, rival_fine = Signal(8), Signal(21)
+        with m.If(steps[0]):
+            m.d.sync += rivals.eq(own | other_found)
+            with m.If(own):
+                m.d.sync += [
+                    rival.crossed.eq(1),
+                    rival.strength.eq(run.second.contrast),
+                    *assign(rival.crossing, run.second, Crossing()),
+                ]
             with m.Else():
-                m.d.sync += share.eq(position.quotient[:FRACTION_BITS] + 1)
+                m.d.sync += assign(rival, other, Rival())
+        with m.If(steps[1]):
+            m.d.sync += as_strong.eq(rival.strength >= run.strength)
+        placing = Signal()
+        with m.If(steps[1]):
+            m.d.sync += placing.eq(0)
+        with m.Elif(rival_divider.done):
+            m.d.sync += placing.eq(1)
+        with m.If(rival_divider.done & ~placing):
+            m.d.sync += ratio.eq(Mux(as_strong, 255, rival_divider.quotient))
+        m.d.comb += [
+            rival_divider.start.eq(steps[1] | (rival_divider.done & ~placing)),
+            rival_divider.dividend.eq(Mux(steps[1], rival.strength << 8, rival.crossing.rise << FRACTION_BITS)),
+            rival_divider.divisor.eq(Mux(steps[1], run.strength, rival.crossing.contrast)),
+        ]
+        rival_base, rival_share = _straighten(m, "rival", rival.crossing, rival.crossed, rival_divider.quotient)
+        m.d.sync += rival_fine.eq((rival_base << (FRACTION_BITS - 1)) + rival_share)
 
         # Flags, while the dividers work.
-        touched = Signal(Gated)  # whose first and last column count
-        m.d.comb += [
-            touched.first.eq(Mux(binary, gated.first, run.first)),
-            touched.last.eq(Mux(binary, gated.last, run.last)),
-        ]
+        first, last = Signal(12), Signal(12)  # whose first and last column count
         touches = Signal(4)
         over, uncrossed = Signal(2), Signal()
-        seen = Signal(13)  # last column that the filter saw at the crossing
+        span, enough = Signal(12), Signal()
+        stray, doubtful, competed, valid = Signal(), Signal(), Signal(), Signal()
+        m.d.comb += [first.eq(Mux(binary, gated.first, run.first)), last.eq(Mux(binary, gated.last, run.last))]
         m.d.sync += [
             touches.eq(
                 Cat(
-                    touched.first == 0,
-                    touched.first == self.settings.column_first,
-                    touched.last == gated.last_column,
-                    touched.last == self.settings.column_last,
+                    first == 0,
+                    first == self.settings.column_first,
+                    last == gated.last_column,
+                    last == self.settings.column_last,
                 )
             ),
-            seen.eq(crossing.after + REACH),
-            over.eq(Cat(crossing.before < REACH, seen > gated.last_column)),
+            over.eq(Cat(run.near_first, run.seen > gated.last_column)),
             uncrossed.eq(~binary & ~run.crossed),
-        ]
-        span, enough = Signal(12), Signal()
-        m.d.sync += [
             span.eq(gated.last - gated.first + 1),
             enough.eq((gated.total >= self.settings.run_gated) & gated.total.any()),
+            stray.eq(found & (gated.total > (run.gated << 1))),
+            doubtful.eq(Mux(binary, span > self.settings.run_width_max, run.crossed & ~run.coloured)),
+            competed.eq(found & rivals & (ratio >= self.settings.ambiguous_ratio)),
+            valid.eq(Mux(binary, enough, found)),
         ]
-        stray, doubtful = Signal(), Signal()
-        m.d.sync += [
-            stray.eq(chosen.found & (gated.total > (run.gated << 1))),
-            doubtful.eq(Mux(binary, span > self.settings.run_width_max, run.crossed & ~crossing.coloured)),
+        in_window, no_window, clipped_window = Signal(), Signal(), Signal()
+        m.d.comb += [
+            in_window.eq(by_window & self.window_some),
+            no_window.eq(by_window & ~self.window_some),
+            clipped_window.eq(by_window & ~self.window_whole),
         ]
-        # The quotient is at most 256 and 8 bits hold up to 255. Where the best has no contrast, all are equal.
-        runner_up, rival = Signal(8), Signal()
-        m.d.comb += runner_up.eq(Mux(ratio.quotient[8] | uncrossed, 255, ratio.quotient))
-        m.d.sync += rival.eq(chosen.second_found & (runner_up >= self.settings.ambiguous_ratio))
-        valid = Signal()
-        m.d.sync += valid.eq(Mux(binary, enough, chosen.found))
 
         # Write.
-        fine = Signal(21)
-        m.d.comb += fine.eq((halves << (FRACTION_BITS - 1)) + share)
         record = Signal(Row)
         with m.If(valid):
             m.d.comb += [
                 record.valid.eq(1),
-                record.position.eq(fine >> 1),
-                record.cut.eq(touches.any() | (~binary & over.any()) | uncrossed),
-                record.ambiguous.eq(stray | doubtful | rival),
-                record.width.eq(Mux(chosen.found, run.width, span)),
-                record.gated.eq(Mux(chosen.found, run.gated, gated.total)),
+                record.position.eq(Mux(in_window, self.window_position, fine >> 1)),
+                record.cut.eq(touches.any() | (run.crossed & ~binary & over.any()) | uncrossed | clipped_window),
+                record.ambiguous.eq(stray | doubtful | competed | no_window),
+                record.width.eq(Mux(found, run.width, span)),
+                record.gated.eq(Mux(found, run.gated, gated.total)),
             ]
-            with m.If(chosen.found):
+            with m.If(found):
                 m.d.comb += [
                     record.saturated.eq(run.clipped.any()),
                     record.sum.eq(run.sum),
                     record.peak.eq(run.peak),
                     record.clipped.eq(run.clipped),
-                    record.second_valid.eq(chosen.second_found),
+                    record.second_valid.eq(rivals),
                 ]
-            with m.If(chosen.found & chosen.second_found):
-                m.d.comb += [
-                    record.second_position.eq(chosen.second_halves << 7),
-                    record.runner_up.eq(runner_up),
-                ]
+            with m.If(found & rivals):
+                m.d.comb += [record.second_position.eq(rival_fine >> 1), record.runner_up.eq(ratio)]
         m.d.comb += record.overflow.eq(gated.fault)
-        m.d.sync += [
-            self.o.p.row.eq(gated.row),
-            self.o.p.record.eq(record),
-            self.o.valid.eq(delayed(m, position.done, 1, "straightened")),
-        ]
+        m.d.sync += self.o.valid.eq(steps[-1])
+        with m.If(steps[-1]):
+            m.d.sync += [self.o.p.row.eq(gated.row), self.o.p.record.eq(record)]
         return m
+
+
+def _straighten(m: Module, name: str, crossing, crossed, quotient) -> tuple[Signal, Signal]:
+    """Half columns and a share in 1/512 px of a crossing, 1 more to round half up, a clock later.
+
+    See :func:`magtrak.reference.fir.position`; ``quotient`` is the share on a straight line.
+    """
+    halves, share = Signal(13, name=f"{name}_halves"), Signal(FRACTION_BITS + 1, name=f"{name}_share")
+    part = quotient[:FRACTION_BITS]
+    bend = Array(Const(1 - value, signed(4)) for value in BEND)[part[FRACTION_BITS - 5 :]]
+    m.d.sync += [halves.eq(crossing.halves - crossed), share.eq(part + 1)]
+    with m.If(~crossed):
+        m.d.sync += share.eq(1)
+    with m.Elif(crossing.straight):
+        m.d.sync += share.eq(part + bend)
+    with m.Elif(crossing.single):
+        m.d.sync += share.eq(FRACTION // 2 + 1)
+    return halves, share

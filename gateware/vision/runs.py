@@ -1,59 +1,99 @@
-"""Runs of lit pixels, each with its two best candidates for the row's peak."""
+"""Runs of lit pixels, each with its two best zero crossings."""
 
-from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import Detector
 from magtrak.reference import find_runs
-from magtrak.reference.fir import CONTRAST_MAX, DERIVATIVE_MAX
+from magtrak.reference.fir import CONTRAST_MAX, DERIVATIVE_MAX, REACH
 
 from ..layouts import FrameSettings
-from .fir import Fir
 from .lookahead import Column
 
 SLOPE_BITS = DERIVATIVE_MAX.bit_length()
 CONTRAST_BITS = CONTRAST_MAX.bit_length()
 
 
-class Crossing(data.Struct):
-    """A zero crossing of the derivative: see :class:`magtrak.reference.fir.Crossings`.
+class Crossing(wiring.Signature):
+    """What is needed to place a zero crossing: see :class:`magtrak.reference.fir.Crossings`.
 
-    ``halves`` is the sum of ``before`` and ``after``. ``straight``: no column between is exactly zero; ``single``: one.
-    ``coloured``: enough gated pixels lie within reach of ``after``.
+    Each field is a signal of its own, here and in :class:`Run`: of one record of 300 bits a simulation would move ten
+    words at every change of a bit.
+
+    Members
+    -------
+    halves : sum of the columns before and after
+    straight, single : no column between them is exactly zero; one is
+    rise : the derivative before
+    contrast : ``rise`` and the magnitude of the derivative after
     """
 
-    before: 12
-    after: 12
-    halves: 13
-    straight: 1
-    single: 1
-    coloured: 1
-    rise: SLOPE_BITS
-    contrast: CONTRAST_BITS
+    def __init__(self) -> None:
+        super().__init__(
+            {
+                "halves": Out(13),
+                "straight": Out(1),
+                "single": Out(1),
+                "rise": Out(SLOPE_BITS),
+                "contrast": Out(CONTRAST_BITS),
+            }
+        )
 
 
-class Run(data.Struct):
+class Run(wiring.Signature):
     """A run of lit pixels: see :class:`magtrak.reference.Runs`.
 
-    ``crossed``: ``crossing`` holds the one of the greatest contrast. ``strength`` and ``halves`` are those of the best
-    candidate for the row's peak, ``second_`` those of the next best. See :func:`magtrak.reference.measure`.
+    Members
+    -------
+    first, last, width, sum, peak, moment, peak_first, peak_last, clipped, gated : as there
+    crossed : there is a crossing in it; else ``crossing.halves`` is its middle and the contrast 0
+    crossing : the one of the greatest contrast
+    strength : its contrast; with ``binary`` the run's sum
+    centre : nearest column to the crossing, or middle
+    away : columns from ``centre`` to where the line was in the row before
+    coloured : enough gated pixels lie within reach of the crossing
+    near_first : the filter at the crossing reaches over the first column
+    seen : last column that the filter sees there
+    second_found, second : the next best crossing
     """
 
-    first: 12
-    last: 12
-    width: 12
-    sum: 20
-    peak: 8
-    gated: 12
-    clipped: 12
-    crossed: 1
-    crossing: Crossing
-    strength: 20
-    halves: 13
-    second_found: 1
-    second_strength: CONTRAST_BITS
-    second_halves: 13
+    def __init__(self) -> None:
+        super().__init__(
+            {
+                "first": Out(12),
+                "last": Out(12),
+                "width": Out(12),
+                "sum": Out(20),
+                "peak": Out(8),
+                "moment": Out(30),
+                "peak_first": Out(12),
+                "peak_last": Out(12),
+                "clipped": Out(12),
+                "gated": Out(12),
+                "crossed": Out(1),
+                "crossing": Out(Crossing()),
+                "strength": Out(20),
+                "centre": Out(12),
+                "away": Out(12),
+                "coloured": Out(1),
+                "near_first": Out(1),
+                "seen": Out(13),
+                "second_found": Out(1),
+                "second": Out(Crossing()),
+            }
+        )
+
+
+def assign(target, source, signature: wiring.Signature, *, leave: tuple[str, ...] = ()) -> list:
+    """Statements that take all members of ``source``, nested ones as well, but those named in ``leave``."""
+    statements = []
+    for name, member in signature.members.items():
+        if name in leave:
+            continue
+        inner, outer = getattr(source, name), getattr(target, name)
+        statements += [outer.eq(inner)] if member.is_port else assign(outer, inner, member.signature)
+    return statements
 
 
 class Runs(wiring.Component):
@@ -61,14 +101,18 @@ class Runs(wiring.Component):
 
     Takes a column a clock. A run is out at most :attr:`latency` clocks after the column that ends it: the one after the
     gap that may be bridged, or the row's last. Runs are out at least two clocks apart. Nothing overflows: 2048 columns
-    of weight 255 sum up to less than 2**19.
+    of weight 255 sum up to less than 2**19, their moment to less than 2**30.
+
+    The moment comes without a multiplier: each column adds the sum so far to it, so each weight is added once for every
+    column that follows (double accumulation).
 
     Members
     -------
     settings : ``run_bridge``, ``run_gated`` and ``detector`` are used
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
-    falls, distance, rise, contrast : crossing at that column, from :class:`~gateware.vision.fir.Fir`
-    o : stream of :class:`Run`, always ready; whether the run counts is not decided here
+    falls, distance, rise, contrast, late : crossing at that column, from :class:`~gateware.vision.fir.Fir`
+    place : column of the line in the row before
+    valid, o : a :class:`Run`, which stands until the next; whether it counts is not decided here
     """
 
     settings: In(FrameSettings)
@@ -77,7 +121,10 @@ class Runs(wiring.Component):
     distance: In(12)
     rise: In(SLOPE_BITS)
     contrast: In(CONTRAST_BITS)
-    o: Out(stream.Signature(Run, always_ready=True))
+    late: In(1)
+    place: In(12)
+    valid: Out(1)
+    o: Out(Run())
 
     reference = staticmethod(find_runs)
 
@@ -100,52 +147,74 @@ class Runs(wiring.Component):
         # At most 31 pixels lie within reach of a column: the low bits of the difference tell all.
         near = Signal(5)
         m.d.comb += near.eq(i.ahead[:5] - i.behind[:5])
-        run = Signal(Run, reset_less=True)
+        run = Run().create(path=("run",))
+        crossing = Crossing().create(path=("crossing",))
+        centre, seen = Signal(12, reset_less=True), Signal(13, reset_less=True)
+        coloured, near_first = Signal(reset_less=True), Signal(reset_less=True)
         better, second = Signal(reset_less=True), Signal(reset_less=True)
-        starts, extends, closed, crosses = Signal(), Signal(), Signal(), Signal()
+        starts, extends, passes, closed, closed_lit, crosses = (
+            Signal(),
+            Signal(),
+            Signal(),
+            Signal(),
+            Signal(),
+            Signal(),
+        )
         at, weight, saturated = Signal(12, reset_less=True), Signal(8, reset_less=True), Signal(reset_less=True)
         ahead, behind = Signal(12, reset_less=True), Signal(12, reset_less=True)
-        crossing = Signal(Crossing, reset_less=True)
-        closed_lit = Signal()
-        m.d.sync += [starts.eq(0), extends.eq(0), closed.eq(0), closed_lit.eq(0), crosses.eq(0)]
+        doubled = Signal(13)
+        m.d.comb += doubled.eq(Cat(self.late, i.column) - self.distance)
+        m.d.sync += [
+            starts.eq(valid & i.lit & ~was_open),
+            extends.eq(valid & i.lit & was_open),
+            passes.eq(valid & ~i.lit & was_open),
+            closed.eq(valid & closes & ~i.lit),
+            closed_lit.eq(valid & closes & i.lit),
+            crosses.eq(valid & within & self.falls),
+        ]
         with m.If(valid):
             m.d.sync += [
                 is_open.eq(within & ~closes),
                 gap.eq(Mux(i.lit, 0, gap + 1)),
-                starts.eq(i.lit & ~was_open),
-                extends.eq(i.lit & was_open),
-                closed.eq(closes & ~i.lit),
-                closed_lit.eq(closes & i.lit),
-                crosses.eq(within & self.falls),
+                at.eq(i.column),
+                weight.eq(i.weight),
+                saturated.eq(i.saturated),
+                ahead.eq(i.ahead),
+                behind.eq(i.behind),
             ]
-        m.d.sync += [
-            at.eq(i.column),
-            weight.eq(i.weight),
-            saturated.eq(i.saturated),
-            ahead.eq(i.ahead),
-            behind.eq(i.behind),
-            crossing.before.eq(i.column - self.distance),
-            crossing.after.eq(i.column),
-            crossing.halves.eq((i.column << 1) - self.distance),
-            crossing.straight.eq(self.distance == 1),
-            crossing.single.eq(self.distance == 2),
-            crossing.coloured.eq(near >= self.settings.run_gated),
-            crossing.rise.eq(self.rise),
-            crossing.contrast.eq(self.contrast),
-            # Crossings are at least two columns apart, so the one before has been taken by now.
-            better.eq(self.contrast > run.crossing.contrast),
-            second.eq(self.contrast > run.second_strength),
-        ]
+        with m.If(self.falls):
+            m.d.sync += [
+                crossing.halves.eq((i.column << 1) - self.distance),
+                crossing.straight.eq(self.distance == 1),
+                crossing.single.eq(self.distance == 2),
+                crossing.rise.eq(self.rise),
+                crossing.contrast.eq(self.contrast),
+                centre.eq(doubled >> 1),
+                seen.eq(i.column + REACH),
+                near_first.eq(i.column < self.distance + REACH),
+                coloured.eq(near >= self.settings.run_gated),
+                # Crossings are at least two columns apart, so the one before has been taken by now.
+                better.eq(self.contrast > run.crossing.contrast),
+                second.eq(self.contrast > run.second.contrast),
+            ]
 
         # 2: add up
-        low = Signal(12, reset_less=True)
-        high = Signal(12, reset_less=True)
+        low, high = Signal(12, reset_less=True), Signal(12, reset_less=True)
+        swept = Signal(30, reset_less=True)  # the moment about the present column
+        middle = Signal(13, reset_less=True)  # in halves
+        moment = Signal(30)
+        m.d.comb += moment.eq(swept + run.sum)
         with m.If(starts):
             m.d.sync += [
                 run.first.eq(at),
                 run.last.eq(at),
+                middle.eq(at << 1),
                 run.sum.eq(weight),
                 run.peak.eq(weight),
+                run.peak_first.eq(at),
+                run.peak_last.eq(at),
+                run.moment.eq(0),
+                swept.eq(0),
                 run.clipped.eq(saturated),
                 run.crossed.eq(crosses),
                 run.second_found.eq(0),
@@ -156,40 +225,59 @@ class Runs(wiring.Component):
             with m.If(extends):
                 m.d.sync += [
                     run.last.eq(at),
+                    middle.eq(run.first + at),
                     run.sum.eq(run.sum + weight),
-                    run.peak.eq(Mux(weight > run.peak, weight, run.peak)),
+                    run.moment.eq(moment),
+                    swept.eq(moment),
                     run.clipped.eq(run.clipped + saturated),
                     high.eq(ahead),
                 ]
+                with m.If(weight >= run.peak):
+                    m.d.sync += [run.peak.eq(weight), run.peak_last.eq(at)]
+                with m.If(weight > run.peak):
+                    m.d.sync += run.peak_first.eq(at)
+            with m.If(passes):
+                m.d.sync += swept.eq(moment)
             with m.If(crosses):
                 m.d.sync += [run.crossed.eq(1), run.second_found.eq(run.crossed)]
-        with m.If(crosses & (starts | ~run.crossed | better)):
-            m.d.sync += [
-                run.crossing.eq(crossing),
-                run.second_strength.eq(run.crossing.contrast),
-                run.second_halves.eq(run.crossing.halves),
-            ]
-        with m.Elif(crosses & (~run.second_found | second)):
-            m.d.sync += [run.second_strength.eq(crossing.contrast), run.second_halves.eq(crossing.halves)]
+        with m.If(crosses):
+            with m.If(starts | ~run.crossed | better):
+                m.d.sync += [
+                    *assign(run.crossing, crossing, Crossing()),
+                    run.centre.eq(centre),
+                    run.seen.eq(seen),
+                    run.near_first.eq(near_first),
+                    run.coloured.eq(coloured),
+                    *assign(run.second, run.crossing, Crossing()),
+                ]
+            with m.Elif(~run.second_found | second):
+                m.d.sync += assign(run.second, crossing, Crossing())
         ended, waited = Signal(), Signal()
         m.d.sync += [waited.eq(closed_lit), ended.eq(closed | waited)]
 
         # 3: hold, while the next run adds up
-        binary = Signal()
-        m.d.sync += [binary.eq(self.settings.detector == Detector.BINARY), self.o.valid.eq(ended)]
+        binary, between = Signal(), Signal()
+        stands = Signal(12)  # where the run stands
+        m.d.sync += [binary.eq(self.settings.detector == Detector.BINARY), self.valid.eq(ended)]
+        m.d.comb += [between.eq(binary | ~run.crossed), stands.eq(Mux(between, middle >> 1, run.centre))]
         with m.If(ended):
             m.d.sync += [
-                self.o.p.eq(run),
-                self.o.p.width.eq(run.last - run.first + 1),
-                self.o.p.gated.eq(high - low),
-                self.o.p.strength.eq(Mux(binary, run.sum, Mux(run.crossed, run.crossing.contrast, 0))),
-                self.o.p.halves.eq(Mux(binary | ~run.crossed, run.first + run.last, run.crossing.halves)),
-                self.o.p.second_found.eq(run.second_found & ~binary),
+                *assign(self.o, run, Run(), leave=("width", "gated", "strength", "centre", "away", "crossing")),
+                *assign(self.o.crossing, run.crossing, Crossing(), leave=("halves", "contrast")),
+                self.o.crossed.eq(~between),
+                self.o.width.eq(run.last - run.first + 1),
+                self.o.gated.eq(high - low),
+                self.o.strength.eq(Mux(binary, run.sum, Mux(between, 0, run.crossing.contrast))),
+                self.o.crossing.contrast.eq(Mux(between, 0, run.crossing.contrast)),
+                self.o.crossing.halves.eq(Mux(between, middle, run.crossing.halves)),
+                self.o.centre.eq(stands),
+                self.o.away.eq(Mux(stands >= self.place, stands - self.place, self.place - stands)),
+                self.o.second_found.eq(run.second_found & ~between),
             ]
         return m
 
 
-def connect_fir(m: Module, fir: Fir, runs: Runs) -> None:
-    """The crossing beside each column."""
-    for name in ("falls", "distance", "rise", "contrast"):
+def connect_fir(m: Module, fir, runs: Runs) -> None:
+    """The crossing beside each column, from :class:`~gateware.vision.fir.Fir`."""
+    for name in ("falls", "distance", "rise", "contrast", "late"):
         m.d.comb += getattr(runs, name).eq(getattr(fir, name))

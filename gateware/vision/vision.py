@@ -15,6 +15,7 @@ from .peak import Peak
 from .pixels import Pixels
 from .runs import Runs, connect_fir
 from .spread import Spread
+from .window import Window
 
 FRAME_END_DELAY = 16
 """Clocks by which ``frame_end`` follows where a result would be: a row that broke the contract by being shorter than
@@ -50,7 +51,8 @@ class Vision(wiring.Component):
 
     def __init__(self, max_columns: int = 2048, max_rows: int = 2048) -> None:
         self._monitor = Monitor(max_columns, max_rows)
-        self._peak = Peak(max_columns)
+        self._window = Window(max(max_columns, 16))
+        self._peak = Peak(max_columns, self._window.latency)
         self.max_columns = max_columns
         self.max_rows = max_rows
         super().__init__(
@@ -83,9 +85,10 @@ class Vision(wiring.Component):
         m.submodules.runs = runs = Runs()
         m.submodules.choose = choose = Choose()
         m.submodules.spread = spread = Spread()
+        m.submodules.window = window = self._window
         m.submodules.peak = peak = self._peak
 
-        for block in (pixels, lookahead, runs, choose, peak):
+        for block in (pixels, lookahead, runs, choose, window, peak):
             m.d.comb += block.settings.eq(self.settings)
         wiring.connect(m, monitor.video, wiring.flipped(self.video))
         wiring.connect(m, pixels.lut, wiring.flipped(self.lut))
@@ -101,8 +104,30 @@ class Vision(wiring.Component):
         ]
         connect_fir(m, fir, runs)
         wiring.connect(m, runs.o, choose.run)
-        end = _strobe_delayed(m, spread.o.valid, Runs.latency + Choose.latency - Spread.latency, "row_end")
-        m.d.comb += [peak.end.eq(end), peak.chosen.eq(choose.o), peak.gated.eq(spread.o.p), choose.clear.eq(peak.taken)]
+        column = lookahead.o.p
+        m.d.comb += [
+            choose.valid.eq(runs.valid),
+            choose.image_first.eq(lookahead.o.valid & column.row_first & (column.row == 0)),
+            choose.clear.eq(peak.taken),
+            runs.place.eq(choose.place),
+            window.pixel.p.eq(pixels.o.p),
+            window.pixel.valid.eq(pixels.o.valid),
+            window.compare.eq(runs.valid),
+            window.centre.eq(runs.o.centre),
+            window.peak.eq(runs.o.peak),
+            window.take.eq(choose.take),
+            window.start.eq(peak.taken),
+            window.row.eq(spread.o.p.row),
+            window.last_column.eq(spread.o.p.last_column),
+            peak.end.eq(_strobe_delayed(m, spread.o.valid, Runs.latency + Choose.latency - Spread.latency, "row_end")),
+            peak.found.eq(choose.found),
+            peak.other_found.eq(choose.other_found),
+            peak.gated.eq(spread.o.p),
+        ]
+        wiring.connect(m, choose.chosen, peak.chosen)
+        wiring.connect(m, choose.other, peak.other)
+        for name in ("position", "some", "whole"):
+            m.d.comb += getattr(peak, f"window_{name}").eq(getattr(window, name))
 
         # Settings that change while a row is being measured make its record worthless.
         disturbed = Signal()

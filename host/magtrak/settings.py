@@ -8,6 +8,9 @@ from .gate import hue_table, range_table
 from .motor import Motor, policy_word
 from .protocol import Choice, Detector, register
 
+WINDOWS = (0, 7, 15, 31)
+"""Columns to each side of a centroid's window, in the order of :class:`~magtrak.protocol.Window`; 0 is the run."""
+
 Values = list[tuple[str, Sequence[int]]]
 
 
@@ -32,8 +35,12 @@ class Weight:
 
 @dataclass(frozen=True)
 class Runs:
-    """Which stretches of a row can be the line: gated pixels needed, how far off they may lie, widths, gaps; in px."""
+    """Which stretches of a row can be the line: gated pixels needed, how far off they may lie, widths, gaps; in px.
 
+    ``neighbours``: gated pixels that a gated pixel must have among the 8 around it, not to be left out as isolated.
+    """
+
+    neighbours: int = 0
     min_gated: int = 1
     reach: int = 8
     min_width: int = 1
@@ -63,9 +70,14 @@ class Camera:
 class Peak:
     """How the line is measured, which peak of a row counts, and from which part of its strength on a runner-up makes
     the row ambiguous.
+
+    For the centroid: columns to each side of the peak, 7, 15 or 31, or 0 for the whole run; and the part of the run's
+    greatest weight by which the base lies above the background at the window's ends.
     """
 
     detector: str = "fir"
+    window: int = 7
+    base: float = 0.125
     choice: str = "strongest"
     ambiguous_ratio: float = 0.375
 
@@ -134,7 +146,7 @@ class Settings:
         Raises
         ------
         SettingsError
-            The card does not have a detector or choice, or a register cannot hold a value.
+            A register cannot hold a value.
         """
         red, green, blue = (round(256 * part) for part in self.weight.mix)
         values = {
@@ -143,6 +155,7 @@ class Settings:
             "weight_g": green,
             "weight_b": blue,
             "floor": self.weight.floor,
+            "isolate": self.runs.neighbours,
             "run_gated": self.runs.min_gated,
             "run_reach": self.runs.reach,
             "run_bridge": self.runs.bridge,
@@ -152,8 +165,10 @@ class Settings:
             "column_last": self.region.last_column,
             "row_first": self.region.first_row,
             "row_last": self.region.last_row,
-            "detector": _of_card(Detector, "peak.detector", self.peak.detector),
-            "choice": _of_card(Choice, "peak.choice", self.peak.choice),
+            "detector": int(Detector[self.peak.detector.upper()]),
+            "centroid_window": WINDOWS.index(self.peak.window),
+            "centroid_base": round(16 * self.peak.base),
+            "choice": int(Choice[self.peak.choice.upper()]),
             "ambiguous_ratio": min(round(256 * self.peak.ambiguous_ratio), 255),
             "exposure_us": round(1e6 * self.camera.exposure_s),
             "time_offset_ns": round(1e9 * self.camera.time_offset_s),
@@ -181,11 +196,3 @@ class Settings:
             ("lut_luminance", range_table(*self.gate.luminance)),
             ("lut_saturation", range_table(*self.gate.saturation)),
         ]
-
-
-def _of_card(known: type[Detector] | type[Choice], name: str, value: str) -> int:
-    try:
-        return int(known[value.upper()])
-    except KeyError:
-        has = " or ".join(repr(member.name.lower()) for member in known)
-        raise SettingsError(f"{name} is {value!r}, which this version of the card does not have; use {has}") from None

@@ -12,13 +12,13 @@ from typing import Any
 from .checked import Checked
 from .errors import SettingsError
 from .motor import BRIDGES, FAULTS, MODES, POLICIES, Motor
-from .settings import Camera, Encoder, Gate, LaserSwitch, Peak, Region, Runs, Settings, Weight
+from .protocol import Choice, Detector
+from .settings import WINDOWS, Camera, Encoder, Gate, LaserSwitch, Peak, Region, Runs, Settings, Weight
 
 PRESETS = ("green", "red", "green-daylight", "red-daylight", "paper")
 
-# What settings may say; a card may not have all of them yet.
-DETECTORS = ("binary", "centroid", "fir", "maximum")
-CHOICES = ("strongest", "first", "last", "widest", "nearest")
+DETECTORS = tuple(detector.name.lower() for detector in Detector)
+CHOICES = tuple(choice.name.lower() for choice in Choice)
 
 
 def parse_settings(values: object, where: str = "settings") -> Settings:
@@ -75,7 +75,7 @@ def _weight(table: Checked) -> Weight:
 
 
 def _runs(table: Checked) -> Runs:
-    limits = {"min_gated": 4095, "reach": 15, "min_width": 4095, "max_width": 4095, "bridge": 15}
+    limits = {"neighbours": 8, "min_gated": 4095, "reach": 15, "min_width": 4095, "max_width": 4095, "bridge": 15}
     table.only(limits)
     runs = Runs(**{name: table.integer(name, 0, limit, getattr(Runs, name)) for name, limit in limits.items()})
     if runs.max_width < runs.min_width:
@@ -100,9 +100,14 @@ def _camera(table: Checked) -> Camera:
 
 
 def _peak(table: Checked) -> Peak:
-    table.only(("detector", "choice", "ambiguous_ratio"))
+    table.only(("detector", "window", "base", "choice", "ambiguous_ratio"))
+    window = table.integer("window", 0, 31, Peak.window)
+    if window not in WINDOWS:
+        table.refuse("window", "7, 15 or 31 columns to each side, or 0 for the run")
     return Peak(
         table.choice("detector", DETECTORS, Peak.detector),
+        window,
+        table.number("base", 0, 0.9375, Peak.base),
         table.choice("choice", CHOICES, Peak.choice),
         table.number("ambiguous_ratio", 0, 1, Peak.ambiguous_ratio),
     )

@@ -14,16 +14,7 @@ from gateware.motion.loop import _TERM, FULL, SpeedLoop
 from gateware.motion.pwm import SHORTEST_PERIOD, Pwm
 from gateware.motion.quadrature import UNKNOWN, Quadrature
 from magtrak.protocol import LASER_KEY
-from tests.support.formal import ProofError, prove
-
-
-def past(m: Module, value, clocks: int = 1, init: int = 0):
-    """``value`` some clocks ago; ``init`` before reset. Not for use within a condition: the registers get it, too."""
-    for _ in range(clocks):
-        register = Signal(value.shape(), init=init)
-        m.d.sync += register.eq(value)
-        value = register
-    return value
+from tests.support.formal import ProofError, past, prove
 
 
 class LaserNeedsEveryCondition(wiring.Component):

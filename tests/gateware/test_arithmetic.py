@@ -1,10 +1,16 @@
 """Dividers and the multiplier against Python's own."""
 
+import math
 import random
+import re
 
 import pytest
+from amaranth.back import rtlil
+from amaranth.hdl import Module, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
 
-from gateware.arithmetic import Multiply, PipelinedDivider, SerialDivider
+from gateware.arithmetic import Multiply, PipelinedDivider, SerialDivider, delayed
 from tests.support.simulation import simulate
 
 SEED = 1234
@@ -25,6 +31,49 @@ def stream_through(dut, inputs: list[dict[str, int]], output: str) -> list[int]:
     return results[dut.latency :]
 
 
+class Pair(data.Struct):
+    low: signed(3)
+    high: 2
+
+
+class Delay(wiring.Component):
+    def __init__(self, shape, latency: int) -> None:
+        self.latency = latency
+        super().__init__({"i": In(shape), "o": Out(shape)})
+
+    def elaborate(self, platform):
+        m = Module()
+        late = delayed(m, self.i, self.latency, "late")
+        assert late.shape() == self.i.shape()
+        m.d.comb += self.o.eq(late)
+        return m
+
+
+@pytest.mark.parametrize("clocks", [1, 2, 8, 9, 20])
+@pytest.mark.parametrize("bits", [1, 8, 33, 70])
+def test_delayed(bits, clocks):
+    """Within a word, over several, and values that are longer than one."""
+    rng = random.Random(SEED)
+    print("seed", SEED)
+    values = [rng.getrandbits(bits) for _ in range(3 * clocks + 5)]
+    assert stream_through(Delay(bits, clocks), [{"i": value} for value in values], "o") == values
+
+
+def test_delayed_keeps_the_shape():
+    values = [-4, 3, -1, 0, -3]
+    assert stream_through(Delay(signed(3), 3), [{"i": value} for value in values], "o") == values
+    pairs = [{"low": value, "high": value & 3} for value in values]
+    results = stream_through(Delay(Pair, 3), [{"i": pair} for pair in pairs], "o")
+    assert [{"low": result.low, "high": result.high} for result in results] == pairs
+
+
+def test_delayed_is_one_word():
+    """Up to 64 bits are one register; beyond, as many as it takes."""
+    for bits, clocks, words in ((8, 8, [64]), (8, 9, [64, 8]), (33, 2, [33, 33]), (1, 130, [64, 64, 2])):
+        wires = re.findall(r"wire width (\d+) \\late_", rtlil.convert(Delay(bits, clocks)))
+        assert [int(width) for width in wires] == words
+
+
 def test_multiply_exhaustive():
     items = [{"a": a, "b": b} for a in range(16) for b in range(-32, 32)]
     assert stream_through(Multiply(4, 6), items, "product") == [item["a"] * item["b"] for item in items]
@@ -38,13 +87,16 @@ def test_multiply_pixel():
     assert stream_through(Multiply(8, 10), items, "product") == [item["a"] * item["b"] for item in items]
 
 
-def test_pipelined_divider_exhaustive():
-    dut = PipelinedDivider(4, 5)
-    items = [{"dividend": n, "divisor": d} for d in range(1, 16) for n in range(d << 5)]
+@pytest.mark.parametrize("bits", [(4, 5), (3, 6), (1, 2)])
+def test_pipelined_divider_exhaustive(bits):
+    """With and without an odd bit; the next division follows at once."""
+    divisor_bits, quotient_bits = bits
+    dut = PipelinedDivider(*bits)
+    items = [{"dividend": n, "divisor": d} for d in range(1, 1 << divisor_bits) for n in range(d << quotient_bits)]
     assert stream_through(dut, items, "quotient") == [item["dividend"] // item["divisor"] for item in items]
 
 
-@pytest.mark.parametrize("bits", [(11, 7), (9, 8), (1, 1)])
+@pytest.mark.parametrize("bits", [(10, 6), (8, 8), (11, 7), (1, 1)])
 def test_pipelined_divider_random(bits):
     rng = random.Random(SEED)
     print("seed", SEED)
@@ -58,12 +110,14 @@ def test_pipelined_divider_random(bits):
     assert results == [item["dividend"] // item["divisor"] for item in items]
 
 
-@pytest.mark.parametrize("bits", [(4, 5), (16, 20), (20, 9), (3, 1)])
-def test_serial_divider(bits):
+@pytest.mark.parametrize("bits_per_clock", [1, 2])
+@pytest.mark.parametrize("bits", [(4, 5), (16, 20), (20, 9), (3, 1), (1, 2)])
+def test_serial_divider(bits, bits_per_clock):
     rng = random.Random(SEED)
     print("seed", SEED)
     divisor_bits, quotient_bits = bits
-    dut = SerialDivider(*bits)
+    dut = SerialDivider(*bits, bits_per_clock)
+    assert dut.latency == 1 + math.ceil(quotient_bits / bits_per_clock)
 
     async def testbench(ctx):
         for _ in range(60):
@@ -90,8 +144,9 @@ def test_serial_divider(bits):
     simulate(dut, testbench)
 
 
-def test_serial_divider_starts_anew():
-    dut = SerialDivider(8, 8)
+@pytest.mark.parametrize("bits_per_clock", [1, 2])
+def test_serial_divider_starts_anew(bits_per_clock):
+    dut = SerialDivider(8, 8, bits_per_clock)
 
     async def testbench(ctx):
         for dividend, divisor, clocks in ((1000, 7, 4), (2000, 9, dut.latency)):
@@ -114,6 +169,11 @@ def test_divider_widths(component):
         component(0, 8)
     with pytest.raises(ValueError, match="0"):
         component(8, 0)
+
+
+def test_serial_divider_bits_per_clock():
+    with pytest.raises(ValueError, match="bits_per_clock is 3"):
+        SerialDivider(8, 8, 3)
 
 
 def test_multiply_widths():

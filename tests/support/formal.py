@@ -52,6 +52,15 @@ class Opened(Elaboratable):
         return self._fragment
 
 
+def past(m: Module, value, clocks: int = 1, init: int = 0):
+    """``value`` some clocks ago; ``init`` before reset. Not for use within a condition: the registers get it, too."""
+    for _ in range(clocks):
+        register = Signal(value.shape(), init=init)
+        m.d.sync += register.eq(value)
+        value = register
+    return value
+
+
 def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int = 120) -> None:
     """Prove every assertion of a component, from its reset state on.
 

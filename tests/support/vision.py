@@ -42,7 +42,10 @@ def random_settings(rng: np.random.Generator, columns: int, rows: int) -> dict[s
         column_last=mostly(4095, 0, columns),
         row_first=mostly(0, 0, 2),
         row_last=mostly(4095, 0, rows),
-        detector=between(0, 1),
+        detector=between(0, 3),
+        choice=between(0, 4),
+        centroid_window=between(0, 3),
+        centroid_base=between(0, 15),
         ambiguous_ratio=between(0, 255),
     )
 

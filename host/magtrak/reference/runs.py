@@ -20,6 +20,8 @@ class Runs:
     close : last column whose zero crossing still belongs to it: the first one after it and the gap that may
         be bridged, or the row's last
     sum, peak : sum and greatest of its weights
+    moment : sum of its weights times their distances from ``last``
+    peak_first, peak_last : first and last column of the greatest weight
     clipped : its lit pixels that are at full scale in a channel
     gated : gated pixels from ``reach`` columns before it to ``reach`` columns behind
     counts : enough of them, and a width that is allowed
@@ -31,6 +33,9 @@ class Runs:
     close: Ints
     sum: Ints
     peak: Ints
+    moment: Ints
+    peak_first: Ints
+    peak_last: Ints
     clipped: Ints
     gated: Ints
     counts: NDArray[np.bool_]
@@ -70,13 +75,16 @@ def find_runs(
     row, column = (axis.astype(np.int64) for axis in np.nonzero(weight))
     if not row.size:
         none = np.zeros(0, np.int64)
-        return Runs(none, none, none, none, none, none, none, none, none.astype(np.bool_))
+        return Runs(*(none,) * 11, none.astype(np.bool_))
     breaks = (np.diff(row) != 0) | (np.diff(column) > settings["run_bridge"] + 1)
     starts = np.concatenate(([0], np.flatnonzero(breaks) + 1))
     ends = np.concatenate((starts[1:], [row.size])) - 1
     lit = weight[row, column].astype(np.int64)
     first, last, row_of = column[starts], column[ends], row[starts]
 
+    peak = np.maximum.reduceat(lit, starts)
+    of = np.repeat(np.arange(starts.size), ends - starts + 1)  # run of each lit pixel
+    greatest = lit == peak[of]
     gated = gated_within(gate, row_of, first, last, settings)
     width = last - first + 1
     return Runs(
@@ -85,7 +93,10 @@ def find_runs(
         last=last,
         close=np.minimum(last + settings["run_bridge"] + 1, columns - 1),
         sum=np.add.reduceat(lit, starts),
-        peak=np.maximum.reduceat(lit, starts),
+        peak=peak,
+        moment=np.add.reduceat((last[of] - column) * lit, starts),
+        peak_first=np.minimum.reduceat(np.where(greatest, column, columns), starts),
+        peak_last=np.maximum.reduceat(np.where(greatest, column, -1), starts),
         clipped=np.add.reduceat(saturated[row, column].astype(np.int64), starts),
         gated=gated,
         counts=(gated >= settings["run_gated"])

@@ -1,0 +1,281 @@
+"""The centroid of a window about a row's crossing: a second pass over the row."""
+
+from amaranth.hdl import C, Cat, Module, Mux, Signal, signed
+from amaranth.lib import stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from magtrak.reference import centroid
+from magtrak.reference.centroid import HALF_WIDTHS, LANES
+from magtrak.reference.fir import FRACTION
+
+from ..arithmetic import SerialDivider
+from ..layouts import FrameSettings
+from .pixels import MeasuredPixel
+
+FRACTION_BITS = (FRACTION - 1).bit_length()
+WORDS = (2 * max(HALF_WIDTHS.values()) + LANES) // LANES + 1
+"""Words of eight columns over which the widest window can spread."""
+
+
+class Window(wiring.Component):
+    """Keeps the mix of two rows, and measures a window of one of them, as
+    :func:`magtrak.reference.centroid.window` does.
+
+    While a row comes in, eight columns make a word, and the mean of each four a byte of the background. When the
+    row's run is chosen, both ends' backgrounds and then the words of the window are read, eight columns a clock, from
+    the last to the first. Moments come without multipliers: within a word by adding up, over the words by double
+    accumulation.
+
+    Memory: two rows of mix, in 64-bit words, and of means. Both are read into registers.
+
+    Parameters
+    ----------
+    max_columns : columns of an image, 16 to 2048
+
+    Members
+    -------
+    settings : ``centroid_window`` and ``centroid_base`` are used pixel : stream of
+    :class:`~gateware.vision.pixels.MeasuredPixel`, always ready; at least 7 blank clocks follow a row compare,
+    centre, peak : strobe: a run's place and greatest weight; it may be taken in the next clock take : strobe: it is,
+    so it is what will be measured start : strobe: the row is over, and what was taken last is measured row,
+    last_column : row that ended and its last column, from two clocks before ``start`` on position : in 1/256 px,
+    :attr:`latency` clocks after ``start``, until the next some : something rose above the base; else ``position``
+    means nothing whole : the window lies within the image
+    """
+
+    def __init__(self, max_columns: int = 2048) -> None:
+        if not 16 <= max_columns <= 2048:
+            raise ValueError(f"max_columns is {max_columns}; 16 to 2048 are possible")
+        self.max_columns = max_columns
+        self._divider = SerialDivider(14, 7 + FRACTION_BITS)
+        super().__init__(
+            {
+                "settings": In(FrameSettings),
+                "pixel": In(stream.Signature(MeasuredPixel, always_ready=True)),
+                "compare": In(1),
+                "centre": In(12),
+                "peak": In(8),
+                "take": In(1),
+                "start": In(1),
+                "row": In(12),
+                "last_column": In(12),
+                "position": Out(20),
+                "some": Out(1),
+                "whole": Out(1),
+            }
+        )
+
+    reference = staticmethod(centroid.window)
+
+    READ = 2
+    """Clocks from a word's address to the word: memory, register."""
+
+    SUM = 4
+    """Clocks from a word to the sums that hold it: subtract, three levels of additions."""
+
+    @property
+    def latency(self) -> int:
+        """Clocks from ``start`` to ``position``: read, add up, one more for each further word, divide."""
+        return self.READ + self.SUM + WORDS + self._divider.latency
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.divider = divider = self._divider
+        columns_bits = (self.max_columns - 1).bit_length()
+        word_bits, group_bits = columns_bits - 3, columns_bits - 2
+        m.submodules.words = words = Memory(shape=8 * LANES, depth=2 << word_bits, init=[])
+        m.submodules.means = means = Memory(shape=8, depth=2 << group_bits, init=[])
+        self._write(m, words.write_port(), means.write_port(), columns_bits)
+
+        # What will be measured: the bounds of its window, and what its peak adds to the base.
+        half = Signal(5)
+        with m.Switch(self.settings.centroid_window):
+            for window, width in HALF_WIDTHS.items():
+                with m.Case(window):
+                    m.d.comb += half.eq(width)
+        next_left, next_right = Signal(signed(13), reset_less=True), Signal(13, reset_less=True)
+        left, right = Signal(signed(13), reset_less=True), Signal(13, reset_less=True)
+        parts = [Signal(11, name=f"part{at}", reset_less=True) for at in range(2)]
+        added = Signal(8, reset_less=True)
+        base_bits = self.settings.centroid_base
+        with m.If(self.compare):
+            m.d.sync += [
+                next_left.eq(self.centre - half),
+                next_right.eq(self.centre + half),
+                parts[0].eq(Mux(base_bits[0], self.peak, 0) + (Mux(base_bits[1], self.peak, 0) << 1)),
+                parts[1].eq(Mux(base_bits[2], self.peak, 0) + (Mux(base_bits[3], self.peak, 0) << 1)),
+            ]
+        with m.If(self.take):
+            m.d.sync += [left.eq(next_left), right.eq(next_right), added.eq((parts[0] + (parts[1] << 2)) >> 4)]
+
+        # Both ends' means are read at all times; those of the clock before `start` count.
+        ends = [means.read_port(), means.read_port()]
+        bank = self.row[0]
+        end_means = [Signal(8, name=f"end{at}", reset_less=True) for at in range(2)]
+        for port, end, value in zip(
+            ends, (Mux(self.take, next_left, left), Mux(self.take, next_right, right)), end_means, strict=True
+        ):
+            m.d.comb += [port.en.eq(1), port.addr.eq(Cat(end[2 : 2 + group_bits], bank))]
+            m.d.sync += value.eq(port.data)
+
+        # Steps after `start`: one-hot, 1 in the clock after.
+        step = Signal(self.latency + 1)
+        m.d.sync += step.eq(Cat(self.start, step))
+        before, behind = Signal(), Signal()  # an end lies outside the image
+        first_word, last_word = Signal(word_bits + 1), Signal(word_bits + 1)
+        low, high = Signal(3), Signal(3)  # lanes of the first and the last column
+        m.d.comb += before.eq(left < 0)
+        clipped_first, clipped_last = Signal(12), Signal(12)
+        m.d.comb += [
+            behind.eq(right > self.last_column),
+            clipped_first.eq(Mux(before, 0, left)),
+            clipped_last.eq(Mux(behind, self.last_column, right)),
+        ]
+        bank_held = Signal()
+        address = Signal(word_bits + 1)
+        with m.If(self.start):
+            m.d.sync += [
+                bank_held.eq(bank),
+                first_word.eq(clipped_first >> 3),
+                last_word.eq(clipped_last >> 3),
+                low.eq(clipped_first),
+                high.eq(clipped_last),
+                self.whole.eq(~before & ~behind),
+            ]
+        # The base, once the means are here: at most 255, for nothing rises above that.
+        bases = [Signal(9, name=f"base{at}", reset_less=True) for at in range(2)]
+        brighter = Signal(reset_less=True)
+        shown = [Mux(out, 0, mean) for out, mean in zip((before, behind), end_means, strict=True)]
+        base = Signal(9)
+        m.d.sync += [
+            *(held.eq(mean + added) for held, mean in zip(bases, shown, strict=True)),
+            brighter.eq(shown[1] > shown[0]),
+        ]
+        base_held = Signal(9, reset_less=True)
+        m.d.comb += base.eq(Mux(step[1], Mux(brighter, bases[1], bases[0]), base_held))
+        m.d.sync += base_held.eq(base)
+
+        # Read from the last word to the first. `index` is the word's distance from the first.
+        read = words.read_port()
+        index = Signal(range(WORDS + 1))
+        place = Signal(word_bits + 1)
+        m.d.comb += [
+            place.eq(Mux(self.start, (clipped_first >> 3) + (WORDS - 1), address)),
+            read.en.eq(1),
+            read.addr.eq(Cat(place[:word_bits], Mux(self.start, bank, bank_held))),
+        ]
+        m.d.sync += address.eq(place - 1)
+        with m.If(self.start):
+            m.d.sync += index.eq(WORDS - 1)
+        with m.Elif(index != 0):
+            m.d.sync += index.eq(index - 1)
+        word = Signal(8 * LANES, reset_less=True)
+        mask = Signal(LANES)
+        lanes_low, lanes_high = Signal(LANES), Signal(LANES)
+        number = Signal(word_bits + 2)
+        m.d.comb += [number.eq(first_word + index), lanes_low.eq(0xFF << low), lanes_high.eq(C(0xFF, LANES) >> ~high)]
+        m.d.sync += [
+            word.eq(read.data),
+            mask.eq(
+                Mux(number > last_word, 0, 0xFF)
+                & Mux(index == 0, lanes_low, 0xFF)
+                & Mux(number == last_word, lanes_high, 0xFF)
+            ),
+        ]
+
+        # What rises above the base; sums and moments of a word.
+        above = []
+        for lane in range(LANES):
+            value = Signal(8, name=f"above{lane}", reset_less=True)
+            difference = Signal(signed(10), name=f"difference{lane}")
+            m.d.comb += difference.eq(word.word_select(lane, 8) - base)
+            m.d.sync += value.eq(Mux(mask[lane] & ~difference[-1], difference, 0))
+            above.append(value)
+        total, moment = _word_sums(m, above)
+
+        # Step READ + SUM is the first in which the sums of a word are here.
+        adding = Signal()
+        first = step[self.READ + self.SUM - 1]
+        m.d.comb += adding.eq(step[self.READ + self.SUM - 1 : self.READ + self.SUM - 1 + WORDS].any())
+        total_sum = Signal(14, reset_less=True)  # 63 * 255 < 2**14
+        moments = Signal(17, reset_less=True)  # within words: 9 * (0 + ... + 7) * 255 < 2**17
+        steps = Signal(17, reset_less=True)  # over words: (1 + ... + 8) * 8 * 255 < 2**17
+        with m.If(first):
+            m.d.sync += [total_sum.eq(total), moments.eq(moment), steps.eq(0)]
+        with m.Elif(adding):
+            m.d.sync += [total_sum.eq(total_sum + total), moments.eq(moments + moment), steps.eq(steps + total_sum)]
+        result = step[self.READ + self.SUM - 1 + WORDS]
+        m.d.comb += [
+            divider.start.eq(result),
+            divider.dividend.eq((moments + (steps << 3)) << FRACTION_BITS),
+            divider.divisor.eq(total_sum),
+            # Half a unit more, and the halves cut off: rounded half up.
+            self.position.eq((Cat(C(1, 1), divider.quotient) + Cat(C(1, 1), first_word << (3 + FRACTION_BITS)))[2:]),
+        ]
+        with m.If(result):
+            m.d.sync += self.some.eq(total_sum.any())
+        return m
+
+    def _write(self, m: Module, word_port, mean_port, columns_bits: int) -> None:
+        """Both memories are filled; the last pixel of a row is repeated to the end of its word."""
+        i = self.pixel.p
+        column, row = Signal(columns_bits), Signal()
+        padding = Signal()
+        step = Signal()
+        m.d.comb += step.eq(self.pixel.valid | padding)
+        mix = Signal(8)
+        word, group = Signal(8 * LANES), Signal(10)
+        at = Signal(columns_bits)
+        last_mix = Signal(8)
+        m.d.comb += [
+            at.eq(Mux(self.pixel.valid & i.row_first, 0, column)),
+            mix.eq(Mux(self.pixel.valid, i.mix, last_mix)),
+        ]
+        line = Signal()  # parity of the row
+        m.d.comb += line.eq(Mux(self.pixel.valid & i.row_first, ~row & ~i.frame_first, row))
+        whole_word, whole_group = Signal(), Signal()
+        place = Signal(columns_bits)
+        place_line = Signal()
+        m.d.sync += [whole_word.eq(0), whole_group.eq(0)]
+        with m.If(step):
+            m.d.sync += [
+                column.eq(at + 1),
+                row.eq(line),
+                last_mix.eq(mix),
+                word.eq(Cat(word[8:], mix)),
+                group.eq(Mux(at[:2] == 0, 0, group) + mix),
+                whole_word.eq(at[:3].all()),
+                whole_group.eq(at[:2].all()),
+                place.eq(at),
+                place_line.eq(line),
+                padding.eq(Mux(self.pixel.valid, i.row_last, padding) & ~at[:3].all()),
+            ]
+        m.d.comb += [
+            word_port.en.eq(whole_word),
+            word_port.addr.eq(Cat(place[3:], place_line)),
+            word_port.data.eq(word),
+            mean_port.en.eq(whole_group),
+            mean_port.addr.eq(Cat(place[2:], place_line)),
+            mean_port.data.eq(group[2:]),
+        ]
+
+
+def _word_sums(m: Module, values: list) -> tuple:
+    """Sum of eight values and sum of each times its number, 3 clocks later."""
+
+    def held(value, name):
+        register = Signal(value.shape(), name=name, reset_less=True)
+        m.d.sync += register.eq(value)
+        return register
+
+    v = values
+    pairs = [held(v[at] + v[at + 1], f"pair{at}") for at in range(0, 8, 2)]
+    odd = [held(v[1] + v[3], "odd0"), held(v[5] + v[7], "odd1")]
+    # Number n = n0 + 2 * n1 + 4 * n2: bit 0 is set in the odd ones, bit 1 in pairs 1 and 3, bit 2 in pairs 2 and 3.
+    total = [held(pairs[0] + pairs[1], "total0"), held(pairs[2] + pairs[3], "total1")]
+    ones = held(odd[0] + odd[1], "ones")
+    twos = held(pairs[1] + pairs[3], "twos")
+    low = held(ones + (twos << 1), "low")
+    fours = held(total[1], "fours")
+    return held(total[0] + total[1], "word_total"), low + (fours << 2)
