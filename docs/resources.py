@@ -23,6 +23,7 @@ from gateware.vision.runs import Runs
 from gateware.vision.spread import Spread
 from gateware.vision.vision import Vision
 from gateware.vision.weight import Weight
+from gateware.vision.window import Window
 from tests.support.synthesis import ECP5, ICE40, Device, Use, place
 
 BUILD = Path(__file__).resolve().parent.parent / "build" / "resources"
@@ -31,7 +32,7 @@ MAX_ROWS = 1024
 
 PIXELS: tuple[Callable[[], wiring.Component], ...] = (
     *(Monitor, HLS, Gate, Weight, Pixels),
-    *(Lookahead, Fir, Runs, Choose, Spread, Peak, Vision),
+    *(Lookahead, Fir, Runs, Choose, Spread, Window, Peak, Vision),
 )
 OTHERS: tuple[tuple[str, Callable[[], wiring.Component]], ...] = (
     ("Motion", Motion),

@@ -137,7 +137,8 @@ class Runs(wiring.Component):
         i, valid = self.column.p, self.column.valid
 
         # 1: what this column is to the run
-        is_open, gap = Signal(), Signal(4)
+        is_open = Signal()
+        gap = Signal(4)
         was_open, within, closes = Signal(), Signal(), Signal()
         m.d.comb += [
             was_open.eq(is_open & ~i.row_first),
@@ -152,15 +153,12 @@ class Runs(wiring.Component):
         centre, seen = Signal(12, reset_less=True), Signal(13, reset_less=True)
         coloured, near_first = Signal(reset_less=True), Signal(reset_less=True)
         better, second = Signal(reset_less=True), Signal(reset_less=True)
-        starts, extends, passes, closed, closed_lit, crosses = (
-            Signal(),
-            Signal(),
-            Signal(),
-            Signal(),
-            Signal(),
-            Signal(),
-        )
-        at, weight, saturated = Signal(12, reset_less=True), Signal(8, reset_less=True), Signal(reset_less=True)
+        starts = Signal()
+        extends = Signal()
+        passes = Signal()
+        closed, closed_lit, crosses = Signal(), Signal(), Signal()
+        at = Signal(12, reset_less=True)
+        weight, saturated = Signal(8, reset_less=True), Signal(reset_less=True)
         ahead, behind = Signal(12, reset_less=True), Signal(12, reset_less=True)
         doubled = Signal(13)
         m.d.comb += doubled.eq(Cat(self.late, i.column) - self.distance)

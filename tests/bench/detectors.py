@@ -1,12 +1,14 @@
 """Every detector of the card on synthetic rows, beside the Cramer-Rao bound and what others do in software.
 
 The rows: :mod:`tests.bench._rows`; the peers: :mod:`tests.bench._peers`. The card is the compiled gateware: each image
-has 2048 rows of 96 columns, and positions come from its frame packets. One set of settings for all rows:
+has 1024 rows of 96 columns, and positions come from its frame packets. One set of settings for all rows, and another
+for those over-exposed:
 
 - the gate is that of the preset ``red``, on for every row;
 - the weight is the red channel; in over-exposed rows (R + G + B) / 3;
 - the floor is the background and a tenth of the amplitude of the line at 1x, both as the weight sees them: 38 and 29;
-- everything else is as after reset; centroids have a base of :data:`BASE` / 16.
+- the base of windowed centroids is 2/16 of the peak, as after reset; in over-exposed rows 1/16;
+- everything else is as after reset.
 
 Errors are RMS in px over all rows, with the bias behind; rows without a result are counted (``-n``).
 ``python -m tests.bench.detectors`` prints the table alone, in Markdown.
@@ -29,12 +31,12 @@ from tests.bench._rows import AMPLITUDE, BACKGROUND, CONDITIONS, RESPONSE, Condi
 from tests.support.measured import MeasuringCard
 from tests.support.vision import default_settings
 
-ROWS = 2048
+ROWS = 1024
 SEED = 1
-BASE = 1
 LOST_SHARE = 0.001  # a detector that loses more rows than this is no candidate for the best
 
-WEIGHTS = {"red": (256, 0, 0), "mean": (85, 86, 85)}
+RED = {"weight_r": 256, "weight_g": 0, "weight_b": 0, "centroid_base": 2}
+MEAN = {"weight_r": 85, "weight_g": 86, "weight_b": 85, "centroid_base": 1}
 DETECTORS = {
     "fir": {"detector": Detector.FIR},
     "centroid 7": {"detector": Detector.CENTROID, "centroid_window": Window.HALF_7},
@@ -70,16 +72,21 @@ class Error:
         return f"{self.rms:.4f} {self.bias:+.4f}" + (f" -{self.lost}" if self.lost else "")
 
 
+HEAD = f"""\
+  RMS error and bias in px over {ROWS} rows each, -n: rows without a result. Red laser, amplitude {AMPLITUDE:g} in R,
+  {RESPONSE[1]:g} and {RESPONSE[2]:g} of it in G and B, background {BACKGROUND:g}, places uniform. Colour gate on. Weight R, base 2/16;
+  over-exposed: (R + G + B) / 3, base 1/16. Floor: background and a tenth of the amplitude. Bound: Cramer-Rao, R alone."""
+
 Row = tuple[Condition, dict[str, Error], dict[str, Error]]
 
 
 def settings(condition: Condition, detector: str) -> dict[str, int]:
-    weight = WEIGHTS["mean" if condition.exposure > 1 else "red"]
+    chosen = MEAN if condition.exposure > 1 else RED
+    weight = [chosen[f"weight_{channel}"] for channel in "rgb"]
     floor = (BACKGROUND * sum(weight) + 0.1 * AMPLITUDE * float(np.dot(weight, RESPONSE))) / 256
     return default_settings(
-        **dict(zip(("weight_r", "weight_g", "weight_b"), weight, strict=True)),
+        **chosen,
         floor=round(floor),
-        centroid_base=BASE,
         **{name: int(value) for name, value in DETECTORS[detector].items()},
     )
 
@@ -117,7 +124,7 @@ def table_head() -> str:
 
 
 def run() -> Iterator[Figure]:
-    print(f"  RMS and bias in px, {ROWS} rows each; rows without a result: -n. Settings: see tests/bench/detectors.py.")
+    print(HEAD)
     print(table_head())
     rows = []
     for row in measure_all():

@@ -9,7 +9,7 @@ from magtrak.reference import ROW_DTYPE, measure
 from tests.support.measured import MeasuringCard
 from tests.support.vision import default_settings
 
-DETECTORS = [Detector.BINARY, Detector.FIR]
+DETECTORS = list(Detector)
 EVERYTHING = np.ones((3, 256), bool)
 GREEN = np.zeros((3, 256), bool)
 GREEN[0, 60:120] = True
