@@ -155,9 +155,9 @@ def test_window_by_hand():
     image = np.full((1, 64, 3), 10, np.uint8)
     image[0, 19:22] = np.array([30, 70, 30])[:, None]
     image[0, 23] = 40
-    settings = {"detector": Detector.CENTROID, "floor": 5, "centroid_window": Window.HALF_7}
-    for base, weights in ((0, {19: 20, 20: 60, 21: 20, 23: 30}), (4, {19: 4, 20: 44, 21: 4, 23: 14})):
-        # 65, the run's greatest weight, times 4 / 16 is 16.
+    settings = {"detector": Detector.CENTROID, "floor": 15, "centroid_window": Window.HALF_7}
+    for base, weights in ((0, {19: 20, 20: 60, 21: 20, 23: 30}), (4, {19: 7, 20: 47, 21: 7, 23: 17})):
+        # 55, the run's greatest weight, times 4 / 16 is 13.
         (record,) = check([(image, default_settings(**settings, centroid_base=base), ALL)])
         mean = sum(column * weight for column, weight in weights.items()) / sum(weights.values())
         assert abs(record["position"][0] / 256 - mean) <= 1 / 256
