@@ -96,12 +96,13 @@ class Lookahead(wiring.Component):
         row_enters = Signal()
         column, row = Signal(12), Signal(12)
         ahead, behind = Signal(12), Signal(12)
-        # Both gates are picked a step ahead, but for the one that just enters, which the greatest reach needs.
+        # Both gates are picked a step ahead, but for the one that just enters, which the greatest reach needs. That one
+        # picks nothing ahead: a smaller reach may be in force at the next step, in another image.
         gates = Cat(entering["gate"], lines["gate"])
         ahead_pick, behind_pick, ahead_gate, back = Signal(), Signal(), Signal(), Signal(range(LOOKAHEAD + 1))
         with m.If(self.step):
             m.d.sync += [
-                ahead_pick.eq(gates.bit_select(back, 1)),
+                ahead_pick.eq(gates.bit_select(back, 1) & (reach != LOOKAHEAD)),
                 behind_pick.eq(gates.bit_select(LOOKAHEAD + reach, 1)),
             ]
         m.d.comb += [

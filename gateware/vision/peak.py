@@ -72,7 +72,7 @@ class Peak(wiring.Component):
         one way; choosing the runner-up, two quotients and placing on the other.
         """
         position = self._position.latency + 3
-        rival = 2 + 2 * self._rival.latency + 3
+        rival = 2 + 2 * self._rival.latency + 2
         return max(position, rival, self.window_latency) + 1
 
     def elaborate(self, platform):

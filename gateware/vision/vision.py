@@ -10,6 +10,7 @@ from ..camera.monitor import Monitor
 from ..layouts import CameraErrors, FrameSettings, LutWrite, Rows, Video
 from .choose import Choose
 from .fir import Fir
+from .isolate import Isolate
 from .lookahead import Lookahead
 from .peak import Peak
 from .pixels import Pixels
@@ -25,8 +26,9 @@ the one before may wait for the divider for up to 9."""
 class Vision(wiring.Component):
     """Measures the laser line in every row of every image, as :func:`magtrak.reference.measure` defines it.
 
-    One pixel a clock; it never stalls. A row's record comes :attr:`latency` clocks after its last pixel. Every row
-    gives one record, whether a line was found or not. What happens to images that break the camera's contract is told
+    One pixel a clock; it never stalls. A row's record comes :attr:`latency` clocks after its last pixel, and with the
+    isolated-pixel filter after the last pixel of the next row, or as if one followed the image in its blank row. Every
+    row gives one record, whether a line was found or not. What happens to images that break the camera's contract is told
     by :class:`~gateware.camera.monitor.Monitor`; such rows have ``overflow`` set, the frame its ``errors``.
 
     Parameters
@@ -74,12 +76,13 @@ class Vision(wiring.Component):
     def latency(self) -> int:
         """Clocks from the last pixel of a row to its record; the contract of the camera kept."""
         stages = Runs.latency + Choose.latency
-        return Monitor.latency + Pixels.latency + Lookahead.latency + stages + self._peak.latency
+        return Monitor.latency + Pixels.latency + Isolate.latency + Lookahead.latency + stages + self._peak.latency
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.monitor = monitor = self._monitor
         m.submodules.pixels = pixels = Pixels()
+        m.submodules.isolate = isolate = Isolate(max(self.max_columns, 2))
         m.submodules.lookahead = lookahead = Lookahead()
         m.submodules.fir = fir = Fir()
         m.submodules.runs = runs = Runs()
@@ -88,12 +91,13 @@ class Vision(wiring.Component):
         m.submodules.window = window = self._window
         m.submodules.peak = peak = self._peak
 
-        for block in (pixels, lookahead, runs, choose, window, peak):
+        for block in (pixels, isolate, lookahead, runs, choose, window, peak):
             m.d.comb += block.settings.eq(self.settings)
         wiring.connect(m, monitor.video, wiring.flipped(self.video))
         wiring.connect(m, pixels.lut, wiring.flipped(self.lut))
         wiring.connect(m, monitor.pixel, pixels.i)
-        wiring.connect(m, pixels.o, lookahead.i)
+        wiring.connect(m, pixels.o, isolate.i)
+        wiring.connect(m, isolate.o, lookahead.i)
         wiring.connect(m, lookahead.o, spread.column)
         m.d.comb += [
             runs.column.p.eq(lookahead.o.p),
@@ -110,8 +114,8 @@ class Vision(wiring.Component):
             choose.image_first.eq(lookahead.o.valid & column.row_first & (column.row == 0)),
             choose.clear.eq(peak.taken),
             runs.place.eq(choose.place),
-            window.pixel.p.eq(pixels.o.p),
-            window.pixel.valid.eq(pixels.o.valid),
+            window.pixel.p.eq(isolate.o.p),
+            window.pixel.valid.eq(isolate.o.valid),
             window.compare.eq(runs.valid),
             window.centre.eq(runs.o.centre),
             window.peak.eq(runs.o.peak),
@@ -129,18 +133,23 @@ class Vision(wiring.Component):
         for name in ("position", "some", "whole"):
             m.d.comb += getattr(peak, f"window_{name}").eq(getattr(window, name))
 
-        # Settings that change while a row is being measured make its record worthless.
-        disturbed = Signal()
-        with m.If(monitor.frame_gap):
+        # Settings that change while a row is being measured make its record worthless: with the first pixel of an image,
+        # while a row of the one before is held or has gone out so lately that its record is not written.
+        after_isolate = self.latency - Monitor.latency - Pixels.latency - Isolate.latency
+        measuring = _within(m, after_isolate, isolate.o.valid & isolate.o.p.row_last, "measuring")
+        begins, disturbed = Signal(), Signal()
+        m.d.comb += begins.eq(monitor.pixel.valid & monitor.pixel.p.frame_first)
+        with m.If(monitor.frame_gap | (begins & (isolate.holding | measuring))):
             m.d.sync += disturbed.eq(1)
-        with m.Elif(peak.o.valid):
+        with m.Elif(peak.o.valid & ~isolate.holding & ~measuring):
             m.d.sync += disturbed.eq(0)
         m.d.comb += [
             self.rows.row.valid.eq(peak.o.valid),
             self.rows.row.p.eq(peak.o.p),
             self.rows.row.p.record.overflow.eq(peak.o.p.record.overflow | disturbed),
+            isolate.i_frame_end.eq(_strobe_delayed(m, monitor.frame_end, Pixels.latency, "frame_end_in")),
             self.rows.frame_end.eq(
-                _strobe_delayed(m, monitor.frame_end, self.latency - Monitor.latency + FRAME_END_DELAY, "frame_end")
+                _strobe_delayed(m, isolate.o_frame_end, after_isolate + FRAME_END_DELAY, "frame_end_out")
             ),
             self.errors.eq(monitor.errors),
             self.image_rows.eq(monitor.rows),
@@ -154,3 +163,13 @@ def _strobe_delayed(m: Module, strobe, clocks: int, name: str):
     line = Signal(clocks, name=f"{name}_line")
     m.d.sync += line.eq((line << 1) | strobe)
     return line[-1]
+
+
+def _within(m: Module, clocks: int, event, name: str):
+    """Fewer than ``clocks`` clocks have passed since the last ``event``, which itself does not count."""
+    left = Signal(range(clocks), name=f"{name}_left")
+    with m.If(event):
+        m.d.sync += left.eq(clocks - 1)
+    with m.Elif(left != 0):
+        m.d.sync += left.eq(left - 1)
+    return left != 0

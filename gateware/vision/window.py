@@ -48,7 +48,7 @@ class Window(wiring.Component):
         if not 16 <= max_columns <= 2048:
             raise ValueError(f"max_columns is {max_columns}; 16 to 2048 are possible")
         self.max_columns = max_columns
-        self._divider = SerialDivider(14, 7 + FRACTION_BITS)
+        self._divider = SerialDivider(14, 7 + FRACTION_BITS, bits_per_clock=2)
         super().__init__(
             {
                 "settings": In(FrameSettings),

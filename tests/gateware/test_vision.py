@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gateware.vision.vision import Vision
-from magtrak.protocol import CAMERA_ERRORS, Detector
+from magtrak.protocol import CAMERA_ERRORS, Choice, Detector, Window
 from magtrak.reference import ROW_DTYPE
 from tests.support.simulation import simulate
 from tests.support.vision import default_settings, load_luts, random_image, random_luts, random_settings, send_image
@@ -87,7 +87,7 @@ def test_line_at_every_column():
         (record,) = check([(image, default_settings(detector=detector), RED)])
         inner = (centres > 9) & (centres < columns - 10)
         assert record["valid"][inner].all() and not record["cut"][inner].any() and not record["ambiguous"].any()
-        limit = {Detector.FIR: 0.02, Detector.BINARY: 0.6}[detector]
+        limit = {Detector.FIR: 0.02, Detector.CENTROID: 0.02}.get(detector, 0.6)
         np.testing.assert_allclose(record["position"][inner] / 256, centres[inner], atol=limit)
         outer = (centres < 2) | (centres > columns - 3)
         assert record["cut"][outer & (record["valid"] == 1)].all()
@@ -124,6 +124,57 @@ def test_two_lines_are_ambiguous():
         assert record["second_valid"][0] and record["ambiguous"][0] == ambiguous
         assert abs(record["position"][0] / 256 - 20) < 0.02
         assert abs(record["second_position"][0] / 256 - 44) <= 0.5
+
+
+def test_choices():
+    """A thin bright line, a wide one, a thin faint one; the row above it had its line near the third."""
+    image = np.zeros((2, 96, 3), np.uint8)
+    image[0] = line_image(1, 96, [70])[0]
+    for centre, amplitude, sigma in ((20, 200, 1.2), (45, 150, 4), (75, 120, 1.2)):
+        image[1] = np.maximum(image[1], line_image(1, 96, [centre], amplitude, sigma)[0])
+    expected = {Choice.STRONGEST: 20, Choice.FIRST: 20, Choice.LAST: 75, Choice.WIDEST: 45, Choice.NEAREST: 75}
+    for choice, column in expected.items():
+        (record,) = check([(image, default_settings(choice=choice), ALL)], columns=96)
+        assert abs(record["position"][1] / 256 - column) < 0.1, choice
+        rival = max((c for c in (20, 45, 75) if c != column), key={20: 3, 45: 1, 75: 2}.get)
+        assert abs(record["second_position"][1] / 256 - rival) < 0.1, choice
+        assert (record["runner_up"][1] == 255) == (column != 20), "a stronger one was not chosen"
+
+
+def test_nearest_begins_anew_with_each_image():
+    pair = np.maximum(line_image(1, 64, [20], 150), line_image(1, 64, [44], 200))
+    image = np.concatenate((line_image(1, 64, [20]), np.zeros((1, 64, 3), np.uint8), pair))
+    settings = default_settings(choice=Choice.NEAREST)
+    first, second = check([(image, settings, ALL), (pair, settings, ALL)])
+    assert abs(first["position"][2] / 256 - 20) < 0.1, "the last row that had a line counts"
+    assert abs(second["position"][0] / 256 - 44) < 0.1, "the first row of an image takes the strongest"
+
+
+def test_window_by_hand():
+    """Ends at 10, a triangle of 20, 60, 20 above that about column 20, another bright pixel inside the window."""
+    image = np.full((1, 64, 3), 10, np.uint8)
+    image[0, 19:22] = np.array([30, 70, 30])[:, None]
+    image[0, 23] = 40
+    settings = {"detector": Detector.CENTROID, "floor": 15, "centroid_window": Window.HALF_7}
+    for base, weights in ((0, {19: 20, 20: 60, 21: 20, 23: 30}), (4, {19: 7, 20: 47, 21: 7, 23: 17})):
+        # 55, the run's greatest weight, times 4 / 16 is 13.
+        (record,) = check([(image, default_settings(**settings, centroid_base=base, ambiguous_ratio=255), ALL)])
+        mean = sum(column * weight for column, weight in weights.items()) / sum(weights.values())
+        assert abs(record["position"][0] / 256 - mean) <= 1 / 256
+        assert record["valid"][0] and not record["cut"][0] and not record["ambiguous"][0]
+    dim = default_settings(**settings | {"floor": 0}, centroid_base=15)
+    (record,) = check([(np.full((1, 64, 3), 10, np.uint8), dim, ALL)])
+    assert record["ambiguous"][0] and record["cut"][0], "nothing rises above the base of a flat row"
+
+
+def test_centroid_of_the_run_and_maximum_by_hand():
+    image = np.zeros((1, 64, 3), np.uint8)
+    image[0, 30:34] = np.array([40, 90, 90, 30])[:, None]
+    settings = {"floor": 20, "centroid_window": Window.RUN}
+    mean = (30 * 20 + 31 * 70 + 32 * 70 + 33 * 10) / 170
+    for detector, column in ((Detector.CENTROID, mean), (Detector.MAXIMUM, 31.5)):
+        (record,) = check([(image, default_settings(detector=detector, **settings), ALL)])
+        assert abs(record["position"][0] / 256 - column) <= 1 / 256
 
 
 def test_colour_elsewhere_is_ambiguous():

@@ -16,6 +16,7 @@ from tests.support.vision import default_settings
 
 SEED = 99
 FIELDS = ("first", "last", "width", "sum", "peak", "clipped", "gated")
+MORE = ("moment", "peak_first", "peak_last")
 
 
 class Found(wiring.Component):
@@ -23,7 +24,8 @@ class Found(wiring.Component):
 
     settings: In(FrameSettings)
     i: In(stream.Signature(MeasuredPixel, always_ready=True))
-    o: Out(stream.Signature(Run, always_ready=True))
+    valid: Out(1)
+    o: Out(Run())
 
     def elaborate(self, platform):
         m = Module()
@@ -32,13 +34,17 @@ class Found(wiring.Component):
         wiring.connect(m, wiring.flipped(self.i), ahead.i)
         wiring.connect(m, ahead.o, runs.column)
         wiring.connect(m, runs.o, wiring.flipped(self.o))
-        m.d.comb += [ahead.settings.eq(self.settings), runs.settings.eq(self.settings)]
+        m.d.comb += [
+            self.valid.eq(runs.valid),
+            ahead.settings.eq(self.settings),
+            runs.settings.eq(self.settings),
+        ]
         return m
 
 
 def reference_runs(weight, gate, saturated, settings) -> list[tuple[int, ...]]:
     runs = find_runs(weight, gate, saturated, settings)
-    return [tuple(int(getattr(runs, name)[at]) for name in FIELDS) for at in range(runs.row.size)]
+    return [tuple(int(getattr(runs, name)[at]) for name in FIELDS + MORE) for at in range(runs.row.size)]
 
 
 def gateware_runs(weight, gate, saturated, settings, gap: float) -> list[tuple[int, ...]]:
@@ -48,12 +54,12 @@ def gateware_runs(weight, gate, saturated, settings, gap: float) -> list[tuple[i
 
     async def collect(ctx):
         clock = 0
-        async for _, _, valid, run in ctx.tick().sample(dut.o.valid, dut.o.p):
+        async for _, _, valid, *run in ctx.tick().sample(dut.valid, *(getattr(dut.o, name) for name in FIELDS + MORE)):
             clock += 1
             if valid:
                 assert clock >= last_clock[0] + 2, "runs are at least two clocks apart"
                 last_clock[0] = clock
-                found.append(tuple(run[name] for name in FIELDS))
+                found.append(tuple(run))
 
     async def testbench(ctx):
         ctx.set(dut.settings, settings)
@@ -103,8 +109,21 @@ def row(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 )
 def test_by_hand(text, changes, expected):
     settings = default_settings(**{"run_reach": 0, **changes})
-    assert reference_runs(*row(text), settings) == expected
-    assert gateware_runs(*row(text), settings, 0) == expected
+    found = reference_runs(*row(text), settings)
+    assert [run[: len(FIELDS)] for run in found] == expected
+    assert gateware_runs(*row(text), settings, 0) == found
+
+
+@pytest.mark.parametrize(
+    ("text", "moment", "first", "last"),
+    [("5", 0, 0, 0), ("123", 1 * 2 + 2 * 1, 2, 2), ("0909", 9 * 2, 1, 3), ("39190", 3 * 3 + 9 * 2 + 1, 1, 3)],
+)
+def test_moment_and_greatest_by_hand(text, moment, first, last):
+    """The moment is about the last lit column; gaps that are bridged count as columns, those behind it do not."""
+    settings = default_settings(run_bridge=2)
+    (run,) = reference_runs(*row(text), settings)
+    assert run[len(FIELDS) :] == (moment, first, last)
+    assert gateware_runs(*row(text), settings, 0) == [run]
 
 
 def test_what_counts():
@@ -139,4 +158,5 @@ def test_longest_run():
     shape = (1, 2048)
     image = np.full(shape, 255, np.int32), np.ones(shape, bool), np.ones(shape, bool)
     settings = default_settings(run_reach=15, run_bridge=15)
-    assert gateware_runs(*image, settings, 0) == [(0, 2047, 2048, 2048 * 255, 255, 2048, 2048)]
+    moment = 255 * 2047 * 2048 // 2
+    assert gateware_runs(*image, settings, 0) == [(0, 2047, 2048, 2048 * 255, 255, 2048, 2048, moment, 0, 2047)]

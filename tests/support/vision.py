@@ -43,6 +43,7 @@ def random_settings(rng: np.random.Generator, columns: int, rows: int) -> dict[s
         row_first=mostly(0, 0, 2),
         row_last=mostly(4095, 0, rows),
         detector=between(0, 3),
+        isolate=mostly(0, 1, 8),
         choice=between(0, 4),
         centroid_window=between(0, 3),
         centroid_base=between(0, 15),

@@ -7,6 +7,7 @@ gateware may import the host package but not the reverse.
 
 from .gate import gate, luts_from_words, words_from_luts
 from .hls import hls
+from .isolate import isolate
 from .rows import ROW_DTYPE, measure
 from .runs import Runs, find_runs
 from .weight import mix, saturated, weight
@@ -17,6 +18,7 @@ __all__ = [
     "find_runs",
     "gate",
     "hls",
+    "isolate",
     "luts_from_words",
     "measure",
     "mix",
