@@ -74,8 +74,9 @@ class Error:
 
 HEAD = f"""\
   RMS error and bias in px over {ROWS} rows each, -n: rows without a result. Red laser, amplitude {AMPLITUDE:g} in R,
-  {RESPONSE[1]:g} and {RESPONSE[2]:g} of it in G and B, background {BACKGROUND:g}, places uniform. Colour gate on. Weight R, base 2/16;
-  over-exposed: (R + G + B) / 3, base 1/16. Floor: background and a tenth of the amplitude. Bound: Cramer-Rao, R alone."""
+  {RESPONSE[1]:g} and {RESPONSE[2]:g} of it in G and B, background {BACKGROUND:g}, places uniform. Colour gate on.
+  Weight R, base 2/16; over-exposed: (R + G + B) / 3, base 1/16. Floor: background and a tenth of the amplitude.
+  Bound: Cramer-Rao, of R alone."""
 
 Row = tuple[Condition, dict[str, Error], dict[str, Error]]
 
