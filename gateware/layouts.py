@@ -53,7 +53,8 @@ class Video(wiring.Signature):
 
     Contract of the source: at most one pixel a clock; at least 16 clocks from ``row_last`` to the next
     ``row_first``, 48 clocks from ``row_first`` to ``row_first``, and one blank row (at least 64 clocks)
-    between the last pixel of an image and the next image. ``frame_end`` is a strobe in the blank row, with
+    between the last pixel of an image and the next image; with the isolated-pixel filter a row of the image's length
+    and 128 clocks, or else the image's last row is flagged. ``frame_end`` is a strobe in the blank row, with
     or after the last pixel and before the next ``frame_first``.
 
     Members

@@ -28,8 +28,8 @@ class Vision(wiring.Component):
 
     One pixel a clock; it never stalls. A row's record comes :attr:`latency` clocks after its last pixel, and with the
     isolated-pixel filter after the last pixel of the next row, or as if one followed the image in its blank row. Every
-    row gives one record, whether a line was found or not. What happens to images that break the camera's contract is told
-    by :class:`~gateware.camera.monitor.Monitor`; such rows have ``overflow`` set, the frame its ``errors``.
+    row gives one record, whether a line was found or not. What happens to images that break the camera's contract is
+    told by :class:`~gateware.camera.monitor.Monitor`; such rows have ``overflow`` set, the frame its ``errors``.
 
     Parameters
     ----------
@@ -133,8 +133,8 @@ class Vision(wiring.Component):
         for name in ("position", "some", "whole"):
             m.d.comb += getattr(peak, f"window_{name}").eq(getattr(window, name))
 
-        # Settings that change while a row is being measured make its record worthless: with the first pixel of an image,
-        # while a row of the one before is held or has gone out so lately that its record is not written.
+        # Settings that change while a row is being measured make its record worthless: with the first pixel of an
+        # image, while a row of the one before is held or has gone out so lately that its record is not written.
         after_isolate = self.latency - Monitor.latency - Pixels.latency - Isolate.latency
         measuring = _within(m, after_isolate, isolate.o.valid & isolate.o.p.row_last, "measuring")
         begins, disturbed = Signal(), Signal()

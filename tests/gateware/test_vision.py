@@ -7,7 +7,15 @@ from gateware.vision.vision import Vision
 from magtrak.protocol import CAMERA_ERRORS, Choice, Detector, Window
 from magtrak.reference import ROW_DTYPE
 from tests.support.simulation import simulate
-from tests.support.vision import default_settings, load_luts, random_image, random_luts, random_settings, send_image
+from tests.support.vision import (
+    BLANKING,
+    default_settings,
+    load_luts,
+    random_image,
+    random_luts,
+    random_settings,
+    send_image,
+)
 
 SEED = 20240611
 
@@ -35,6 +43,8 @@ def run(frames, *, gap: float = 0.0, seed: int = SEED, columns: int = 64):
             await load_luts(ctx, dut.lut, luts)
             ctx.set(dut.settings, settings)
             await send_image(ctx, dut.video, image, gap=gap, rng=rng)
+            if settings["isolate"]:
+                await ctx.tick().repeat(image.shape[1])
         await ctx.tick().repeat(dut.latency + 32)
 
     simulate(dut, testbench, collect, clocks=200_000)
@@ -156,6 +166,7 @@ def test_window_by_hand():
     image[0, 19:22] = np.array([30, 70, 30])[:, None]
     image[0, 23] = 40
     settings = {"detector": Detector.CENTROID, "floor": 15, "centroid_window": Window.HALF_7}
+    settings |= {"column_first": 8, "column_last": 34}  # all of it has the colour
     for base, weights in ((0, {19: 20, 20: 60, 21: 20, 23: 30}), (4, {19: 7, 20: 47, 21: 7, 23: 17})):
         # 55, the run's greatest weight, times 4 / 16 is 13.
         (record,) = check([(image, default_settings(**settings, centroid_base=base, ambiguous_ratio=255), ALL)])
@@ -262,6 +273,35 @@ def test_latency():
     simulate(dut, testbench, watch)
     assert clocks["record"] == [clock + dut.latency for clock in clocks["last"]]
     assert len(clocks["record"]) == 6 * len(Detector)
+
+
+def test_latency_with_the_filter():
+    """A row's record comes ``latency`` clocks after the last pixel of the row below; the image's last as if there were
+    one, after the shortest blanking and as long as itself.
+    """
+    dut = Vision(max_columns=64, max_rows=64)
+    columns, rows = 50, 4
+    clocks = {"last": [], "record": []}
+
+    async def watch(ctx):
+        clock = 0
+        async for _, _, last, record in ctx.tick().sample(
+            dut.video.pixel.valid & dut.video.pixel.p.row_last, dut.rows.row.valid
+        ):
+            clock += 1
+            if last:
+                clocks["last"].append(clock)
+            if record:
+                clocks["record"].append(clock)
+
+    async def testbench(ctx):
+        ctx.set(dut.settings, default_settings(isolate=3))
+        await send_image(ctx, dut.video, random_image(np.random.default_rng(SEED), rows, columns))
+        await ctx.tick().repeat(columns + 64)
+
+    simulate(dut, testbench, watch)
+    assert clocks["record"][:-1] == [clock + dut.latency for clock in clocks["last"][1:]]
+    assert 0 <= clocks["record"][-1] - clocks["last"][-1] - dut.latency - columns <= BLANKING
 
 
 @pytest.mark.parametrize("seed", range(4))
