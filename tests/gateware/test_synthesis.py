@@ -43,7 +43,7 @@ class Both(wiring.Component):
             register = Signal(10, name=f"register_{number}")
             m.d.sync += register.eq(value)
             value = register
-        m.d.sync += [self.product.eq(self.a * self.b), self.read.eq(value ^ self.a)]
+        m.d.sync += [self.product.eq(self.a * self.b), self.read.eq(value + self.a)]
         return m
 
 

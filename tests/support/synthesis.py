@@ -157,26 +157,38 @@ def _place(make: Callable[[], wiring.Component], device: Device, folder: Path, g
 
 
 def bare_reads(top: dict[str, Any]) -> list[str]:
-    """Block RAMs of an ECP5 netlist of which an output goes anywhere but straight to a register."""
-    users: dict[int, set[str]] = {}
-    for cell in top["cells"].values():
+    """Outputs of the block RAMs of an ECP5 netlist that do not go straight to a register.
+
+    One LUT may stand between: Yosys puts it there to return the word as it was where a write meets the read.
+    """
+    users: dict[int, list[tuple[str, str]]] = {}  # of each net: cell and port
+    for name, cell in top["cells"].items():
         for port, bits in cell["connections"].items():
             if cell["port_directions"][port] != "output":
                 for bit in bits:
-                    users.setdefault(bit, set()).add(f"{cell['type']}.{port}")
+                    users.setdefault(bit, []).append((name, port))
     for port in top["ports"].values():
         if port["direction"] == "output":
             for bit in port["bits"]:
-                users.setdefault(bit, set()).add("port")
-    found = []
-    for name, cell in top["cells"].items():
-        if cell["type"] != "DP16KD":
-            continue
-        for port, bits in cell["connections"].items():
-            registered = cell["parameters"].get(f"REGMODE_{port[2:3]}") == "OUTREG"
-            if re.fullmatch(r"DO[AB]\d+", port) and not registered and users.get(bits[0], set()) - {"TRELLIS_FF.DI"}:
-                found.append(f"{name}.{port}")
-    return found
+                users.setdefault(bit, []).append(("", "port"))
+
+    def registered(bit: int, luts: int) -> bool:
+        for name, port in users.get(bit, []):
+            cell = top["cells"].get(name, {"type": "port"})
+            if cell["type"] == "LUT4" and luts:
+                if not registered(cell["connections"]["Z"][0], luts - 1):
+                    return False
+            elif (cell["type"], port) != ("TRELLIS_FF", "DI"):
+                return False
+        return True
+
+    return [
+        f"{name}.{port}"
+        for name, cell in top["cells"].items()
+        if cell["type"] == "DP16KD"
+        for port, bits in cell["connections"].items()
+        if re.fullmatch(r"DO[AB]\d+", port) and not registered(bits[0], 1)
+    ]
 
 
 def run(folder: Path, *command: str) -> str:
