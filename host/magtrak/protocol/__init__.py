@@ -21,6 +21,7 @@ from .packets import (
     POSITION_FRACTION_BITS,
     AnswerCode,
     PacketType,
+    Phase,
     RowForm,
 )
 from .registers import (
@@ -30,6 +31,7 @@ from .registers import (
     REGISTERS,
     VERSION,
     Access,
+    AmbientMode,
     Bridge,
     Choice,
     Detector,
@@ -61,6 +63,7 @@ __all__ = [
     "REGISTERS",
     "VERSION",
     "Access",
+    "AmbientMode",
     "AnswerCode",
     "Bridge",
     "Choice",
@@ -74,6 +77,7 @@ __all__ = [
     "MotorMode",
     "Packet",
     "PacketType",
+    "Phase",
     "Register",
     "RowForm",
     "Scope",
