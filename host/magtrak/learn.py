@@ -110,7 +110,7 @@ def from_pair(on: U8, off: U8) -> Sample:
     # The laser's channel is the one that rose most over the others, and over its surroundings: lines are thin, while
     # another exposure or white balance changes areas. A white core does not count, nor what was clipped before.
     over = 1.5 * rise - 0.5 * rise.sum(axis=-1, keepdims=True)
-    over = np.where(off.max(axis=-1, keepdims=True) < CLIPPED, over - _surroundings(over), 0.0)
+    over = np.where(off.max(axis=-1, keepdims=True) < CLIPPED, _mean(over, 1) - _mean(over, SURROUNDINGS_PX), 0.0)
     channel = int(np.argmax(np.percentile(over, 99.8, axis=(0, 1))))
     coloured = over[..., channel]
     noise = 1.4826 * float(np.median(np.abs(coloured - np.median(coloured))))
@@ -196,15 +196,15 @@ def _risen(on: U8, off: U8) -> NDArray[np.float64]:
     return risen
 
 
-def _surroundings(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean of a square around each pixel; borders replicated."""
+def _mean(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+    """Of a square that reaches so far to each side of each pixel; borders replicated."""
+    size = 2 * reach + 1
     for axis in (0, 1):
-        pads = [(0, 0)] * 3
-        pads[axis] = (SURROUNDINGS_PX + 1, SURROUNDINGS_PX)
+        pads = [(0, 0)] * values.ndim
+        pads[axis] = (reach + 1, reach)
         sums = np.cumsum(np.pad(values, pads, mode="edge"), axis=axis)
-        size = 2 * SURROUNDINGS_PX + 1
-        before = np.take(sums, np.arange(values.shape[axis]), axis=axis)
-        values = (np.take(sums, np.arange(values.shape[axis]) + size, axis=axis) - before) / size
+        ends = np.arange(values.shape[axis]) + size
+        values = (np.take(sums, ends, axis=axis) - np.take(sums, ends - size, axis=axis)) / size
     return values
 
 
