@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sim.quantise import rgb565
 from tests.support.pictures import folder
 from tests.support.virtual import ambiguous, measured_pictures
 
@@ -93,7 +94,8 @@ def test_rows_that_are_wrong_say_so(tmp_path, settings, right_share, sure_share,
 PRESETS = resources.files("magtrak") / "presets"
 
 
-def test_what_is_subtracted_leaves_the_line(tmp_path):
+@pytest.mark.parametrize("change", [lambda image: image, rgb565], ids=["RGB888", "RGB565"])
+def test_what_is_subtracted_leaves_the_line(tmp_path, change):
     """Of all rows whose place is known, those that gave no point included: the share that is right."""
     settings = tmp_path / "settings.toml"
     text = (PRESETS / "red-ambient.toml").read_text()
@@ -104,7 +106,7 @@ def test_what_is_subtracted_leaves_the_line(tmp_path):
     off, on = pairs[0]
     images = [on, off, *(image for pair in pairs for image in (on, pair[0], pair[1], pair[0]))]
     first = 2
-    points = measured(tmp_path, images, str(settings))
+    points = measured(tmp_path, [change(image.astype(np.uint8)) for image in images], str(settings))
     frame, row = points["scalar_frame"].astype(int), points["scalar_row"].astype(int)
     assert set(frame.tolist()) <= set(range(first, len(images), 2)), "backgrounds give no points"
     known = right = silent = 0
