@@ -148,6 +148,24 @@ def test_capacity_that_cannot_be_is_refused():
             Background(cells)
 
 
+def test_broken_images():
+    """A background that broke the camera's contract is not used; another image that did changes nothing."""
+    dut = Vision(max_columns=64, max_rows=64, background_cells=CELLS)
+    image = random_image(np.random.default_rng(SEED), 3, 50)
+    seen = []
+
+    async def testbench(ctx):
+        ctx.set(dut.settings, ON)
+        await load_luts(ctx, dut.lut, ALL)
+        for name in ("good", "GOOD", "good", "bad", "good", "BAD", "good", "GOOD", "good"):
+            ctx.set(dut.background, name.isupper())
+            await send_image(ctx, dut.video, image, blanking=16 if name.lower() == "good" else 9)
+            seen.append(ctx.get(dut.subtracted))
+
+    simulate(dut, testbench)
+    assert seen == [0, 0, 1, 1, 1, 0, 0, 0, 1]
+
+
 def test_next_image_too_early():
     """Where the next image cuts off the background's end, the background is not used."""
     dut = Vision(max_columns=64, max_rows=64, background_cells=CELLS)
