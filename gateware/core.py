@@ -108,6 +108,8 @@ class Core(wiring.Component):
         # Some images are taken without laser.
         m.d.comb += [
             alternation.settings.eq(registers.frame),
+            alternation.run.eq(registers.now.run),
+            alternation.frame_first.eq(admission.frame_first),
             alternation.frame_end.eq(admission.frame_end),
             alternation.subtracted.eq(vision.subtracted),
             vision.background.eq(alternation.background),

@@ -15,12 +15,14 @@ class Alternation(wiring.Component):
     """Goes on with each image that ends: :class:`magtrak.reference.Alternation` is the definition.
 
     The laser is switched a clock after ``frame_end``, in the gap between two images, and only ever off: ``laser``
-    permits, and does not ask for light. Off, in ``AmbientMode.OFF`` and after reset, it permits always.
+    permits, and does not ask for light. In ``AmbientMode.OFF``, after reset and while no images are wanted it permits
+    always: what comes next begins with a measured image.
 
     Members
     -------
     settings : ``ambient_mode`` and ``ambient_measured`` are used, at ``frame_end``
-    frame_end : strobe: the image is over
+    run : images are wanted
+    frame_first, frame_end : strobes: an image begins, is over
     subtracted : the background is subtracted from the present image
     laser : the laser may shine
     background : the present image is a background; from a clock after the ``frame_end`` before it
@@ -28,6 +30,8 @@ class Alternation(wiring.Component):
     """
 
     settings: In(FrameSettings)
+    run: In(1)
+    frame_first: In(1)
     frame_end: In(1)
     subtracted: In(1)
     laser: Out(1)
@@ -43,7 +47,11 @@ class Alternation(wiring.Component):
         again = Signal()
         m.d.comb += again.eq((state == LIT) & (left != 0))
         following = Mux(mode == AmbientMode.SKIP, state + 1, Mux(state == DARK, LIT, DARK))[:2]
-        with m.If(self.frame_end):
+        within = Signal()  # an image
+        m.d.sync += within.eq((within | self.frame_first) & ~self.frame_end)
+        with m.If(~self.run & ~within & ~self.frame_first):
+            m.d.sync += [state.eq(LIT), left.eq(0)]
+        with m.Elif(self.frame_end):
             with m.If(mode == AmbientMode.OFF):
                 m.d.sync += [state.eq(LIT), left.eq(0)]
             with m.Elif(again):

@@ -105,6 +105,8 @@ class BackgroundsAreDark(wiring.Component):
     change at its start, an image being from a clock after ``frame_end`` to the next.
     """
 
+    run: In(1)
+    frame_first: In(1)
     frame_end: In(1)
     subtracted: In(1)
     interlock: In(1)
@@ -120,6 +122,8 @@ class BackgroundsAreDark(wiring.Component):
         m.submodules.alternation = alternation = Alternation()
         m.submodules.interlock = interlock = Interlock()
         m.d.comb += [
+            alternation.run.eq(self.run),
+            alternation.frame_first.eq(self.frame_first),
             alternation.frame_end.eq(self.frame_end),
             alternation.subtracted.eq(self.subtracted),
             alternation.settings.ambient_mode.eq(self.ambient_mode),
@@ -139,8 +143,8 @@ class BackgroundsAreDark(wiring.Component):
             Assert(~background | ~past(m, background) | ~interlock.laser),
             Assert(background == alternation.background),
             Assert(~background | ~alternation.laser),
-            # Within an image nothing changes.
-            Assert(ended | (background == past(m, background))),
+            # No image becomes a background half-way.
+            Assert(ended | ~background | past(m, background)),
         ]
         # Light since the first clock but one of this image, and of the one before.
         lit, lit_before = Signal(), Signal()

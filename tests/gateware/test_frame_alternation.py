@@ -22,6 +22,10 @@ def play(images):
         for mode, measured, subtracted in images:
             ctx.set(dut.settings, default_settings(ambient_mode=mode, ambient_measured=measured))
             ctx.set(dut.subtracted, subtracted)
+            ctx.set(dut.run, 1)
+            ctx.set(dut.frame_first, 1)
+            await ctx.tick()
+            ctx.set(dut.frame_first, 0)
             await ctx.tick().repeat(3)
             seen.append((Phase(ctx.get(dut.phase)), ctx.get(dut.laser), ctx.get(dut.background)))
             ctx.set(dut.frame_end, 1)
@@ -46,6 +50,38 @@ def test_sequences(mode, measured, sequence, lit):
     seen = play([(mode, measured, 1)] * len(sequence))
     assert "".join(phase.name[0] for phase, _, _ in seen) == sequence
     assert "".join(str(laser) for _, laser, _ in seen) == lit
+
+
+@pytest.mark.parametrize("when", ["image", "gap"])
+def test_a_run_begins_with_light(when):
+    """Once no more images are wanted, the background to come is forgotten; one under way goes on to its end."""
+    dut = Alternation()
+
+    async def testbench(ctx):
+        async def strobe(name):
+            ctx.set(getattr(dut, name), 1)
+            await ctx.tick()
+            ctx.set(getattr(dut, name), 0)
+            await ctx.tick()
+
+        ctx.set(dut.settings, default_settings(ambient_mode=AmbientMode.ALTERNATE))
+        ctx.set(dut.run, 1)
+        await strobe("frame_first")
+        await strobe("frame_end")
+        assert not ctx.get(dut.laser)
+        if when == "image":
+            await strobe("frame_first")
+        ctx.set(dut.run, 0)
+        await ctx.tick().repeat(3)
+        if when == "image":
+            assert ctx.get(dut.background) and not ctx.get(dut.laser)
+            await strobe("frame_end")
+        assert ctx.get(dut.laser) and not ctx.get(dut.background)
+        ctx.set(dut.run, 1)
+        await strobe("frame_first")
+        assert ctx.get(dut.laser) and ctx.get(dut.phase) == Phase.UNSUBTRACTED
+
+    simulate(dut, testbench)
 
 
 def test_what_is_not_subtracted_says_so():
