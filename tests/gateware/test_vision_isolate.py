@@ -304,6 +304,19 @@ def test_next_image_shorter():
         assert frames[1][-1][-1][1]["row_last"] and len(frames[1][-1]) == length
 
 
+@pytest.mark.parametrize("end", [0, MIN_BLANKING])
+def test_next_image_at_once(end):
+    """As early as the monitor lets it begin after a late row: the last row goes out ahead of what overwrites it."""
+    rng = np.random.default_rng(SEED)
+    tape = Tape(rng)
+    for frame_gap in (MIN_BLANKING, MIN_BLANKING, 100):
+        tape.image(rng.random((2, 20)) < 0.6, 2, end=end, frame_gap=frame_gap)
+    frames, ends = tape.play()
+    assert len(ends) == 3
+    for frame, result in zip(tape.frames, frames, strict=True):
+        check(frame, result, 2)
+
+
 def test_images_without_rows():
     """Their ends come out after the row that was on its way, and before the next image."""
     rng = np.random.default_rng(SEED)
