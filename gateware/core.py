@@ -5,6 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .frame.admission import Admission
+from .frame.alternation import Alternation
 from .frame.assembler import FrameAssembler
 from .frame.buffer import FrameBuffer
 from .frame.facts import MotionFacts
@@ -12,6 +13,7 @@ from .layouts import Bytes, Video
 from .link.link import Link
 from .motion.motion import Motion
 from .registers import RegisterFile
+from .vision.background import DEFAULT_CELLS
 from .vision.vision import Vision
 
 
@@ -22,6 +24,7 @@ class Core(wiring.Component):
     ----------
     max_columns : columns that an image may have, 32 to 2048
     max_rows : rows of an image that are stored, a power of two from 2 to 2048
+    background_cells : see :class:`~gateware.vision.background.Background`
 
     Members
     -------
@@ -34,13 +37,14 @@ class Core(wiring.Component):
     run : the host wants images; a source that can be held waits for it
     """
 
-    def __init__(self, max_columns: int = 2048, max_rows: int = 2048) -> None:
+    def __init__(self, max_columns: int = 2048, max_rows: int = 2048, background_cells: int = DEFAULT_CELLS) -> None:
         if not 32 <= max_columns <= 2048:
             raise ValueError(f"max_columns is {max_columns}; 32 to 2048 are possible")
         if max_rows not in [1 << n for n in range(1, 12)]:
             raise ValueError(f"max_rows is {max_rows}; powers of two from 2 to 2048 are possible")
         self.max_columns = max_columns
         self.max_rows = max_rows
+        self.background_cells = background_cells
         super().__init__(
             {
                 "video": In(Video()),
@@ -63,7 +67,8 @@ class Core(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.admission = admission = Admission()
-        m.submodules.vision = vision = Vision(self.max_columns, self.max_rows)
+        m.submodules.vision = vision = Vision(self.max_columns, self.max_rows, self.background_cells)
+        m.submodules.alternation = alternation = Alternation()
         m.submodules.motion = motion = Motion()
         m.submodules.buffer = buffer = FrameBuffer(self.max_rows)
         m.submodules.assembler = assembler = FrameAssembler(self.max_rows)
@@ -100,6 +105,18 @@ class Core(wiring.Component):
         for name in ("pwm", "direction", "brake", "laser", "lamp"):
             m.d.comb += getattr(self, name).eq(getattr(motion, name))
 
+        # Some images are taken without laser.
+        m.d.comb += [
+            alternation.settings.eq(registers.frame),
+            alternation.run.eq(registers.now.run),
+            alternation.frame_first.eq(admission.frame_first),
+            alternation.frame_end.eq(admission.frame_end),
+            alternation.subtracted.eq(vision.subtracted),
+            vision.background.eq(alternation.background),
+            motion.shutter.eq(alternation.laser),
+            buffer.image.phase.eq(alternation.phase),
+        ]
+
         # Images are stamped with the angle.
         m.d.comb += [
             motion.frame_first.eq(admission.frame_first),
@@ -133,6 +150,7 @@ class Core(wiring.Component):
             status.dropped.eq(buffer.dropped),
             status.damaged_commands.eq(link.damaged),
             status.camera_errors.eq(vision.errors_ever),
+            status.background_cells.eq(self.background_cells),
         ]
         for name in (
             *("count", "index_count", "index_passes", "pass_count", "index_difference", "encoder_errors", "speed"),

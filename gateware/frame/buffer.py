@@ -106,7 +106,13 @@ class FrameBuffer(wiring.Component):
             reader.ready.eq(complete.bit_select(sending, 1)),
             reader.contents.form.eq(Mux(sending, header.form[1], header.form[0])),
             reader.contents.edges.eq(Mux(sending, header.edges[1], header.edges[0])),
-            reader.contents.rows.eq(Mux(sending, rows.facts[1].rows, rows.facts[0].rows)),
+            reader.contents.rows.eq(
+                Mux(
+                    Mux(sending, header.rowless[1], header.rowless[0]),
+                    0,
+                    Mux(sending, rows.facts[1].rows, rows.facts[0].rows),
+                )
+            ),
         ]
         connect(m, flipped(self.rows), rows.rows)
         for bank in range(2):

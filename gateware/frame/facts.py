@@ -28,6 +28,7 @@ class ImageFacts(data.Struct):
     laser_on: 1
     speed_in_band: 1
     motor_stopped: 1
+    phase: 2
 
 
 class MotionFacts(data.Struct):

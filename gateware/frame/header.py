@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from magtrak.protocol import FRAME_FLAGS, MAX_EDGES
+from magtrak.protocol import FRAME_FLAGS, MAX_EDGES, Phase
 
 from ..layouts import Edge, FrameHeader, struct
 from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, WORDS, ImageFacts, MotionFacts, RowFacts
@@ -31,6 +31,7 @@ class HeaderStore(wiring.Component):
     rows : of each bank: what is known of its rows
     complete, complete_bank : strobe: the header in this bank is complete
     edges, form : of each bank, as its header says
+    rowless : of each bank: the image was not measured, and its rows are not sent
     bank, index : word to read
     word : that word, 2 clocks later
     """
@@ -52,6 +53,7 @@ class HeaderStore(wiring.Component):
     complete_bank: Out(1)
     edges: Out(range(MAX_EDGES + 1)).array(2)
     form: Out(1).array(2)
+    rowless: Out(1).array(2)
     bank: In(1)
     index: In(range(WORDS))
     word: Out(32)
@@ -72,7 +74,7 @@ class HeaderStore(wiring.Component):
         for bank in range(2):
             with m.If(self.take & (taking == bank)):
                 m.d.sync += [images[bank].eq(self.image), numbers[bank].eq(self.number)]
-            m.d.comb += self.form[bank].eq(images[bank].form)
+            m.d.comb += [self.form[bank].eq(images[bank].form), self.rowless[bank].eq(_rowless(images[bank].phase))]
 
         motion = Signal(MotionFacts)
         dropped = Signal(32)
@@ -100,13 +102,13 @@ class HeaderStore(wiring.Component):
             header.frame.eq(number),
             header.flags.eq(flags),
             header.camera_errors.eq(rows.vision.errors),
-            header.rows.eq(rows.rows),
+            header.rows.eq(Mux(_rowless(image.phase), 0, rows.rows)),
             header.columns.eq(rows.vision.columns),
             header.dropped.eq(dropped),
             header.damaged_commands.eq(damaged),
             header.encoder_errors.eq(motion.encoder_errors),
         ]
-        for name in ("generation", "form", "detector", "exposure_us", "time_offset_ns"):
+        for name in ("generation", "form", "detector", "phase", "exposure_us", "time_offset_ns"):
             m.d.comb += header[name].eq(image[name])
         for name in ("edges", "edge_shift", "index_passes", "index_count"):
             m.d.comb += header[name].eq(motion[name])
@@ -160,3 +162,7 @@ class HeaderStore(wiring.Component):
                 m.next = "Wait"
 
         return m
+
+
+def _rowless(phase):
+    return (phase == Phase.BACKGROUND) | (phase == Phase.SKIPPED)

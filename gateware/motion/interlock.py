@@ -67,7 +67,7 @@ class Interlock(wiring.Component):
     renew : strobe, an intact command has come
     lease_ms, delay_ms : settings
     sound : no fault has stopped the motor
-    permitted : speed and angle are where they have to be
+    permitted : speed and angle are where they have to be, and the image is not a background
     laser : pin, enables the laser
     lamp : pin, emission indicator: on from arming to disarming
     state : see :class:`LaserState`

@@ -43,6 +43,7 @@ class Motion(wiring.Component):
     row_first, frame_first : strobes, column 0 of a row arrives; the row is the first of its image
     arm, arm_key : strobe, value written to ``laser_arm``
     renew : strobe, an intact command has come
+    shutter : the laser may shine, if all else permits it too
     take, taken : strobes, the edge log of an image is wanted; is ready to be read
     time : clocks since reset
     first, last : latches of the first and the last row
@@ -75,6 +76,7 @@ class Motion(wiring.Component):
     arm: In(1)
     arm_key: In(16)
     renew: In(1)
+    shutter: In(1, init=1)
 
     take: In(1)
     taken: Out(1)
@@ -218,9 +220,9 @@ class Motion(wiring.Component):
         for name in ("passed", "pass_count", "zero_count", "seen", "wrong", "difference"):
             m.d.comb += getattr(motor, name).eq(getattr(index, name))
 
-        # Light needs what is asked for of speed and angle.
+        # Light needs what is asked for of speed and angle, and an image that is to be lit.
         asked, permitted = settings.laser_conditions, Signal()
-        m.d.comb += permitted.eq((~asked[0] | motor.state.in_band) & (~asked[1] | motor.state.in_sector))
+        m.d.comb += permitted.eq(self.shutter & (~asked[0] | motor.state.in_band) & (~asked[1] | motor.state.in_sector))
         whole, steady = Signal(), Signal()
         safety = Signal(data.StructLayout(dict.fromkeys(SAFETY, 8)))
         m.d.comb += [

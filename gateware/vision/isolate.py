@@ -206,8 +206,12 @@ class Isolate(wiring.Component):
             m.d.sync += [need.eq(self.settings.isolate), direct.eq(quiet & (self.settings.isolate == 0))]
 
         # The row: written when its image is known to be held; read two columns ahead, through a register.
-        m.submodules.memory = memory = Memory(shape=HeldPixel, depth=self.max_columns, init=[])
-        write, read = memory.write_port(), memory.read_port()
+        # A column is never read in the clock in which it is written: told to the tools, that saves the logic for it.
+        attributes = {"no_rw_check": 1}
+        m.submodules.memory = memory = Memory(shape=HeldPixel, depth=self.max_columns, init=[], attrs=attributes)
+        write, read = memory.write_port(), memory.read_port(domain="comb")
+        fetched = Signal(HeldPixel, reset_less=True)  # the output of the block RAM
+        fetch, fetch_at = Signal(), Signal(range(self.max_columns))
         at = Signal(range(self.max_columns))
         priming = Signal(2)
         with m.If(valid_1):
@@ -215,12 +219,12 @@ class Isolate(wiring.Component):
         m.d.comb += [write.addr.eq(at), write.en.eq(valid_2 & ~direct), write.data.above.eq(late_above)]
         for name in ("mix", "weight", "gate", "saturated", "fault", "row_last"):
             m.d.comb += write.data[name].eq(late[name])
-        m.d.comb += read.en.eq(step | priming.any())
+        m.d.comb += [read.addr.eq(fetch_at), fetch.eq(step | priming.any())]
         m.d.sync += priming.eq(priming << 1)
-        with m.If(read.en):
-            m.d.sync += [word.eq(read.data), read.addr.eq(read.addr + 1)]
+        with m.If(fetch):
+            m.d.sync += [fetched.eq(read.data), word.eq(fetched), fetch_at.eq(fetch_at + 1)]
         with m.If(write.en & late.row_last):
-            m.d.sync += [held.eq(1), priming.eq(1), read.addr.eq(0)]
+            m.d.sync += [held.eq(1), priming.eq(1), fetch_at.eq(0)]
 
         # The end of the image.
         has_rows, ended, flush_before = Signal(), Signal(), Signal()

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from ..arithmetic import delayed
 from ..camera.monitor import CheckedPixel
 from ..layouts import FrameSettings, LutWrite
+from .background import DEFAULT_CELLS, Background
 from .gate import Gate
 from .hls import HLS
 from .weight import Weight
@@ -32,6 +33,7 @@ class Region(wiring.Component):
     -------
     settings : ``column_first`` to ``column_last`` and ``row_first`` to ``row_last``, ends included, are used
     valid, row_first, frame_first : of the pixel
+    column, row : place of the pixel of a clock ago
     inside : of the pixel of :attr:`latency` clocks ago
     """
 
@@ -39,6 +41,8 @@ class Region(wiring.Component):
     valid: In(1)
     row_first: In(1)
     frame_first: In(1)
+    column: Out(12)
+    row: Out(12)
     inside: Out(1)
 
     latency = 3
@@ -46,7 +50,7 @@ class Region(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        column, row = Signal(12), Signal(12)
+        column, row = self.column, self.row
         with m.If(self.valid):
             m.d.sync += column.eq(Mux(self.row_first, 0, column + 1))
             with m.If(self.row_first):
@@ -67,18 +71,40 @@ class Region(wiring.Component):
 class Pixels(wiring.Component):
     """The stages that know one pixel at a time, latency-matched into one stream.
 
+    While a background is subtracted, only what is left above the floor is gated: the colour of things that the laser
+    does not light tells nothing.
+
+    Parameters
+    ----------
+    background_cells : see :class:`~gateware.vision.background.Background`
+
     Members
     -------
-    settings : the weight's mix and floor, and the region, are used
-    lut : writes to the gate's tables
+    settings : the weight's mix and floor, the region, and whether a background is subtracted
+    lut : writes to the gate's tables; ``swap`` comes with new settings
     i : stream of :class:`~gateware.camera.monitor.CheckedPixel`, always ready
+    image_end, faulty, image_rows, image_columns : of the image, as :class:`~gateware.camera.monitor.Monitor` has them
+    background : the image is a background
+    subtracted : the background is subtracted from the image
     o : stream of :class:`MeasuredPixel`, always ready, :attr:`latency` clocks later
     """
 
-    settings: In(FrameSettings)
-    lut: In(LutWrite())
-    i: In(stream.Signature(CheckedPixel, always_ready=True))
-    o: Out(stream.Signature(MeasuredPixel, always_ready=True))
+    def __init__(self, background_cells: int = DEFAULT_CELLS) -> None:
+        self._background = Background(background_cells)
+        super().__init__(
+            {
+                "settings": In(FrameSettings),
+                "lut": In(LutWrite()),
+                "i": In(stream.Signature(CheckedPixel, always_ready=True)),
+                "image_end": In(1),
+                "faulty": In(1),
+                "image_rows": In(12),
+                "image_columns": In(12),
+                "background": In(1),
+                "subtracted": Out(1),
+                "o": Out(stream.Signature(MeasuredPixel, always_ready=True)),
+            }
+        )
 
     latency = HLS.latency + Gate.latency + 1
     """Clocks from ``i`` to ``o``: the colour path is the longest, one more joins all."""
@@ -89,6 +115,7 @@ class Pixels(wiring.Component):
         m.submodules.gate = gate = Gate()
         m.submodules.weight = weight = Weight()
         m.submodules.region = region = Region()
+        m.submodules.background = background = self._background
         wiring.connect(m, gate.lut, wiring.flipped(self.lut))
         i, o = self.i.p, self.o.p
         m.d.comb += [
@@ -104,7 +131,20 @@ class Pixels(wiring.Component):
             region.valid.eq(self.i.valid),
             region.row_first.eq(i.row_first),
             region.frame_first.eq(i.frame_first),
+            background.settings.eq(self.settings),
+            background.settings_change.eq(self.lut.swap),
+            background.valid.eq(self.i.valid),
+            background.row_first.eq(i.row_first),
+            background.frame_first.eq(i.frame_first),
+            background.column.eq(region.column),
+            background.row.eq(region.row),
+            background.mix.eq(weight.raw),
+            background.take.eq(self.background),
+            weight.background.eq(background.value),
+            self.subtracted.eq(background.subtracting),
         ]
+        for name in ("image_end", "faulty", "image_rows", "image_columns"):
+            m.d.comb += getattr(background, name).eq(getattr(self, name))
         clocks = self.latency - 1
         inside = delayed(m, region.inside, clocks - region.latency, "inside")
         brightness = [
@@ -114,7 +154,7 @@ class Pixels(wiring.Component):
             o.mix.eq(brightness[0]),
             o.weight.eq(Mux(inside, brightness[1], 0)),
             o.saturated.eq(brightness[2]),
-            o.gate.eq(gate.o & inside),
+            o.gate.eq(gate.o & inside & (~self.subtracted | brightness[1].any())),
         ]
         for name in ("row_first", "row_last", "frame_first", "fault"):
             m.d.sync += o[name].eq(delayed(m, i[name], clocks, name))

@@ -8,6 +8,7 @@ from magtrak.reference import measure
 
 from ..camera.monitor import Monitor
 from ..layouts import CameraErrors, FrameSettings, LutWrite, Rows, Video
+from .background import DEFAULT_CELLS
 from .choose import Choose
 from .fir import Fir
 from .isolate import Isolate
@@ -35,12 +36,15 @@ class Vision(wiring.Component):
     ----------
     max_columns : columns that an image may have, 16 to 2048
     max_rows : rows that an image may have, 1 to 2048
+    background_cells : see :class:`~gateware.vision.background.Background`
 
     Members
     -------
     video : images
+    background : the present image is a background; from before its first pixel until its end
+    subtracted : the background is subtracted from the present image; from 4 clocks after its first pixel on
     settings : in force; they may change in the clock after the first pixel of a frame was taken
-    lut : writes to the gate's tables, and the swap, at that same time
+    lut : writes to the gate's tables, and the swap, at that same time, which comes with all new settings
     rows : results; ``frame_end`` comes at least one clock after the last row's
     errors, image_rows, image_columns : of the frame that ended, valid at ``rows.frame_end``
     errors_ever : errors of all frames since reset, as they occur
@@ -51,7 +55,8 @@ class Vision(wiring.Component):
         A limit is out of range.
     """
 
-    def __init__(self, max_columns: int = 2048, max_rows: int = 2048) -> None:
+    def __init__(self, max_columns: int = 2048, max_rows: int = 2048, background_cells: int = DEFAULT_CELLS) -> None:
+        self._pixels = Pixels(background_cells)
         self._monitor = Monitor(max_columns, max_rows)
         self._window = Window(max(max_columns, 16))
         self._peak = Peak(max_columns, self._window.latency)
@@ -62,6 +67,8 @@ class Vision(wiring.Component):
                 "video": In(Video()),
                 "settings": In(FrameSettings),
                 "lut": In(LutWrite()),
+                "background": In(1),
+                "subtracted": Out(1),
                 "rows": Out(Rows()),
                 "errors": Out(CameraErrors),
                 "image_rows": Out(12),
@@ -81,7 +88,7 @@ class Vision(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.monitor = monitor = self._monitor
-        m.submodules.pixels = pixels = Pixels()
+        m.submodules.pixels = pixels = self._pixels
         m.submodules.isolate = isolate = Isolate(max(self.max_columns, 2))
         m.submodules.lookahead = lookahead = Lookahead()
         m.submodules.fir = fir = Fir()
@@ -96,6 +103,14 @@ class Vision(wiring.Component):
         wiring.connect(m, monitor.video, wiring.flipped(self.video))
         wiring.connect(m, pixels.lut, wiring.flipped(self.lut))
         wiring.connect(m, monitor.pixel, pixels.i)
+        m.d.comb += [
+            pixels.image_end.eq(monitor.frame_end),
+            pixels.faulty.eq(monitor.errors.as_value().any()),
+            pixels.image_rows.eq(monitor.rows),
+            pixels.image_columns.eq(monitor.columns),
+            pixels.background.eq(self.background),
+            self.subtracted.eq(pixels.subtracted),
+        ]
         wiring.connect(m, pixels.o, isolate.i)
         wiring.connect(m, isolate.o, lookahead.i)
         wiring.connect(m, lookahead.o, spread.column)

@@ -17,13 +17,15 @@ COEFFICIENT_BITS = register("weight_r").bits
 class Weight(wiring.Component):
     """Mix and weight of each pixel: :func:`magtrak.reference.mix` and :func:`magtrak.reference.weight`.
 
-    ``mix = clip((weight_r * R + weight_g * G + weight_b * B + 128) >> 8, 0, 255)`` with coefficients in signed Q2.8,
-    and ``weight = max(mix - floor, 0)``. One pixel a clock, constant latency.
+    ``raw = clip((weight_r * R + weight_g * G + weight_b * B + 128) >> 8, 0, 255)`` with coefficients in signed Q2.8,
+    ``mix = max(raw - background, 0)`` and ``weight = max(mix - floor, 0)``. One pixel a clock, constant latency.
 
     Members
     -------
     settings : ``weight_r``, ``weight_g``, ``weight_b`` and ``floor`` are used
     r, g, b : colour
+    background : what is subtracted from the pixel of :attr:`raw_latency` clocks ago
+    raw : mix of the pixel of :attr:`raw_latency` clocks ago, before that
     mix, weight : of the pixel :attr:`latency` clocks ago
     saturated : one of its channels was at full scale
     """
@@ -32,6 +34,8 @@ class Weight(wiring.Component):
     r: In(8)
     g: In(8)
     b: In(8)
+    background: In(8)
+    raw: Out(8)
     mix: Out(8)
     weight: Out(8)
     saturated: Out(1)
@@ -39,8 +43,11 @@ class Weight(wiring.Component):
     reference_mix = staticmethod(reference.mix)
     reference_weight = staticmethod(reference.weight)
 
-    latency = tree_latency(COEFFICIENT_BITS) + 4
-    """Clocks from the pixel to its weight: product, two sums, clip, floor."""
+    raw_latency = tree_latency(COEFFICIENT_BITS) + 3
+    """Clocks from the pixel to its mix: product, two sums, clip."""
+
+    latency = raw_latency + 2
+    """Clocks from the pixel to its weight: background, floor."""
 
     def elaborate(self, platform):
         m = Module()
@@ -59,17 +66,18 @@ class Weight(wiring.Component):
             total.eq(partial + rounded),
         ]
         m.d.comb += scaled.eq(total >> FRACTION_BITS)
-        mix = Signal(8, reset_less=True)
+        raw = Signal(8, reset_less=True)
         with m.If(scaled < 0):
-            m.d.sync += mix.eq(0)
+            m.d.sync += raw.eq(0)
         with m.Elif(scaled[8:].any()):
-            m.d.sync += mix.eq(255)
+            m.d.sync += raw.eq(255)
         with m.Else():
-            m.d.sync += mix.eq(scaled)
+            m.d.sync += raw.eq(scaled)
+        m.d.comb += self.raw.eq(raw)
 
-        above = Signal(signed(9))
-        m.d.comb += above.eq(mix - self.settings.floor)
-        m.d.sync += [self.mix.eq(mix), self.weight.eq(Mux(above < 0, 0, above))]
+        left, mix, above = Signal(signed(9)), Signal(8, reset_less=True), Signal(signed(9))
+        m.d.comb += [left.eq(raw - self.background), above.eq(mix - self.settings.floor)]
+        m.d.sync += [mix.eq(Mux(left < 0, 0, left)), self.mix.eq(mix), self.weight.eq(Mux(above < 0, 0, above))]
 
         full = Signal(reset_less=True)
         m.d.sync += full.eq(self.r.all() | self.g.all() | self.b.all())

@@ -27,3 +27,7 @@ class CardError(MagtrakError):
 
 class OutputError(MagtrakError):
     """A file cannot be written."""
+
+
+class LearnError(MagtrakError):
+    """Pictures from which no colours can be learned."""

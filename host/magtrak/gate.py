@@ -3,9 +3,14 @@
 The card's hue byte is round(256 h) modulo 256 for a hue h of 0 to 1 turns; luminance and saturation are 0 to 255.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import reduce
+from operator import or_
 
 from .protocol import LUT_WORDS
+
+Spans = tuple[tuple[float, float], ...]
+"""Ranges, both ends included."""
 
 _BITS = 32
 
@@ -29,3 +34,8 @@ def hue_table(first_deg: float, last_deg: float) -> Sequence[int]:
 def range_table(low: float, high: float) -> Sequence[int]:
     """Bytes from ``low`` to ``high``, given as 0 to 1."""
     return pack_table(range(round(255 * low), round(255 * high) + 1))
+
+
+def union(table: Callable[[float, float], Sequence[int]], spans: Spans) -> Sequence[int]:
+    """What passes in any of the ranges; ``table`` makes the words of one."""
+    return [reduce(or_, words) for words in zip(*(table(*span) for span in spans), strict=True)]

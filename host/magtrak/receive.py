@@ -190,6 +190,8 @@ def _summary(scan: Scan, card: Card) -> str:
     ]
     more = {
         "frames before the index": counts.unreferenced_frames,
+        "frames of background": counts.dark_frames,
+        "frames before the first background": counts.unsubtracted_frames,
         "points at standstill": counts.standing,
         "points below the least quality": counts.poor,
         "rays parallel to the laser plane": counts.parallel,
@@ -204,7 +206,9 @@ def _warn_if_empty(scan: Scan) -> None:
         return
     if not counts.frames:
         hint = "no frame came: is the camera connected?"
-    elif counts.unreferenced_frames == counts.frames:
+    elif counts.unsubtracted_frames + counts.dark_frames == counts.frames:
+        hint = "no frame had a background to subtract: go on for longer, or set ambient.mode to 'off'"
+    elif counts.unreferenced_frames + counts.unsubtracted_frames + counts.dark_frames == counts.frames:
         hint = "the index was never passed, so no angle is known: does the motor turn, is the index barrier connected?"
     else:
         hint = "no row gave a point: is the laser on, do the settings' gate and floor fit it?"

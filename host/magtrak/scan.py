@@ -10,6 +10,7 @@ from .calibration import Calibration
 from .cloud.points import POINT
 from .errors import CalibrationError, CardError
 from .frames import Frame
+from .protocol import Phase
 from .triangulate import MIN_SINE, quality, triangulate
 
 
@@ -23,6 +24,8 @@ class Counts:
     lost_frames : images between the first and the last received that did not arrive
     dropped_frames : those of them that the card dropped because no buffer was free
     unreferenced_frames : without points because the index had not been passed
+    dark_frames : taken without the laser, or while it was switched, to subtract the room's light
+    unsubtracted_frames : without points because no background had been taken yet
     points : in the cloud
     parallel, behind : rows whose ray is parallel to the laser plane, or meets it behind the camera
     poor : rows below the least quality asked for
@@ -34,6 +37,8 @@ class Counts:
     lost_frames: int = 0
     dropped_frames: int = 0
     unreferenced_frames: int = 0
+    dark_frames: int = 0
+    unsubtracted_frames: int = 0
     points: int = 0
     parallel: int = 0
     behind: int = 0
@@ -130,6 +135,11 @@ class Scan:
 
     def _add(self, frame: Frame, angles: RowAngles) -> None:
         assert self._first is not None
+        phase = frame.header["phase"]
+        if phase != Phase.MEASURED:
+            self.counts.unsubtracted_frames += phase == Phase.UNSUBTRACTED
+            self.counts.dark_frames += phase != Phase.UNSUBTRACTED
+            return
         if not frame.flags["index_seen"]:
             self.counts.unreferenced_frames += 1
             return

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from .errors import SettingsError
-from .gate import hue_table, range_table
+from .gate import Spans, hue_table, range_table, union
 from .motor import Motor, policy_word
-from .protocol import Choice, Detector, register
+from .protocol import AmbientMode, Choice, Detector, register
 
 WINDOWS = (0, 7, 15, 31)
 """Columns to each side of a centroid's window, in the order of :class:`~magtrak.protocol.Window`; 0 is the run."""
@@ -16,13 +16,13 @@ Values = list[tuple[str, Sequence[int]]]
 
 @dataclass(frozen=True)
 class Gate:
-    """Colours that can be the laser's: hue in degrees, from the first to the second, through 360 if need be;
-    luminance and saturation 0 to 1.
+    """Colours that can be the laser's, each of the three in one of its ranges: hue in degrees, from the first to the
+    second, through 360 if need be; luminance and saturation 0 to 1.
     """
 
-    hue: tuple[float, float] = (90.0, 160.0)
-    luminance: tuple[float, float] = (0.1, 1.0)
-    saturation: tuple[float, float] = (0.25, 1.0)
+    hue: Spans = ((90.0, 160.0),)
+    luminance: Spans = ((0.1, 1.0),)
+    saturation: Spans = ((0.25, 1.0),)
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,17 @@ class Peak:
 
 
 @dataclass(frozen=True)
+class Ambient:
+    """Whether images without laser are taken and subtracted from the others: "off"; "alternate", where the exposure
+    lies in the gap between two images; "skip", which leaves out the images in which the laser is switched, for rolling
+    shutters and exposures up to a period. So many images are measured to each background.
+    """
+
+    mode: str = "off"
+    measured: int = 1
+
+
+@dataclass(frozen=True)
 class LaserSwitch:
     """Whether to arm the laser, how long it stays on without a word from the host, delay before emission, in s;
     where it may shine besides: only with the speed in the motor's band, only in a sector (motor angles, degrees from
@@ -136,6 +147,7 @@ class Settings:
     region: Region = field(default_factory=Region)
     camera: Camera = field(default_factory=Camera)
     peak: Peak = field(default_factory=Peak)
+    ambient: Ambient = field(default_factory=Ambient)
     motor: Motor = field(default_factory=Motor)
     laser: LaserSwitch = field(default_factory=LaserSwitch)
     encoder: Encoder = field(default_factory=Encoder)
@@ -170,6 +182,8 @@ class Settings:
             "centroid_base": round(16 * self.peak.base),
             "choice": int(Choice[self.peak.choice.upper()]),
             "ambiguous_ratio": min(round(256 * self.peak.ambiguous_ratio), 255),
+            "ambient_mode": int(AmbientMode[self.ambient.mode.upper()]),
+            "ambient_measured": self.ambient.measured,
             "exposure_us": round(1e6 * self.camera.exposure_s),
             "time_offset_ns": round(1e9 * self.camera.time_offset_s),
             "encoder_filter": self.encoder.filter_clocks,
@@ -192,7 +206,7 @@ class Settings:
     def tables(self) -> Values:
         """Words of the three gate tables."""
         return [
-            ("lut_hue", hue_table(*self.gate.hue)),
-            ("lut_luminance", range_table(*self.gate.luminance)),
-            ("lut_saturation", range_table(*self.gate.saturation)),
+            ("lut_hue", union(hue_table, self.gate.hue)),
+            ("lut_luminance", union(range_table, self.gate.luminance)),
+            ("lut_saturation", union(range_table, self.gate.saturation)),
         ]

@@ -11,14 +11,16 @@ from typing import Any
 
 from .checked import Checked
 from .errors import SettingsError
+from .gate import Spans
 from .motor import BRIDGES, FAULTS, MODES, POLICIES, Motor
 from .protocol import Choice, Detector
-from .settings import WINDOWS, Camera, Encoder, Gate, LaserSwitch, Peak, Region, Runs, Settings, Weight
+from .settings import WINDOWS, Ambient, Camera, Encoder, Gate, LaserSwitch, Peak, Region, Runs, Settings, Weight
 
-PRESETS = ("green", "red", "green-daylight", "red-daylight", "paper")
+PRESETS = ("green", "red", "green-daylight", "red-daylight", "green-ambient", "red-ambient", "paper")
 
 DETECTORS = tuple(detector.name.lower() for detector in Detector)
 CHOICES = tuple(choice.name.lower() for choice in Choice)
+AMBIENT = ("off", "alternate", "skip")
 
 
 def parse_settings(values: object, where: str = "settings") -> Settings:
@@ -30,6 +32,11 @@ def parse_settings(values: object, where: str = "settings") -> Settings:
 
 def load_settings(name: str) -> Settings:
     """Ready-made ones by name, or from a file, whose name ends in ``.toml``."""
+    return parse_settings(load_values(name), name)
+
+
+def load_values(name: str) -> dict[str, Any]:
+    """Likewise, as the file has them: unchecked, and without what it leaves out."""
     if name in PRESETS:
         text = resources.files(__package__).joinpath("presets", f"{name}.toml").read_text(encoding="utf-8")
     elif not name.endswith(".toml"):
@@ -42,24 +49,35 @@ def load_settings(name: str) -> Settings:
         except (OSError, UnicodeDecodeError) as error:
             raise SettingsError(f"settings {name} cannot be read: {error}") from None
     try:
-        values = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SettingsError(f"settings {name} are no TOML: {error}") from None
-    return parse_settings(values, name)
 
 
 def _gate(table: Checked) -> Gate:
     table.only(("hue", "luminance", "saturation"))
     gate = Gate(
-        table.span("hue", 0, 360, Gate.hue),
-        table.span("luminance", 0, 1, Gate.luminance),
-        table.span("saturation", 0, 1, Gate.saturation),
+        _spans(table, "hue", 360, Gate.hue),
+        _spans(table, "luminance", 1, Gate.luminance),
+        _spans(table, "saturation", 1, Gate.saturation),
     )
     for name in ("luminance", "saturation"):
-        low, high = getattr(gate, name)
-        if low > high:
-            table.refuse(name, "two numbers from 0 to 1, the smaller first")
+        if any(low > high for low, high in getattr(gate, name)):
+            table.refuse(name, "two numbers from 0 to 1, the smaller first, or a list of such ranges")
     return gate
+
+
+def _spans(table: Checked, name: str, high: float, default: Spans) -> Spans:
+    """One range, or a list of them."""
+    if name not in table.values:
+        return default
+    value = table.values[name]
+    if not isinstance(value, list) or not value or not isinstance(value[0], list):
+        return (table.span(name, 0, high),)
+    for pair in value:
+        if not isinstance(pair, list) or len(pair) != 2:
+            table.refuse(name, f"two numbers from 0 to {high:g}, or a list of such ranges")
+    return tuple(Checked(table.where, {name: pair}, table.error, table.path).span(name, 0, high) for pair in value)
 
 
 def _weight(table: Checked) -> Weight:
@@ -110,6 +128,14 @@ def _peak(table: Checked) -> Peak:
         table.number("base", 0, 0.9375, Peak.base),
         table.choice("choice", CHOICES, Peak.choice),
         table.number("ambiguous_ratio", 0, 1, Peak.ambiguous_ratio),
+    )
+
+
+def _ambient(table: Checked) -> Ambient:
+    table.only(("mode", "measured"))
+    return Ambient(
+        table.choice("mode", AMBIENT, Ambient.mode),
+        table.integer("measured", 1, 255, Ambient.measured),
     )
 
 
@@ -185,6 +211,7 @@ _SECTIONS: dict[str, Any] = {
     "region": _region,
     "camera": _camera,
     "peak": _peak,
+    "ambient": _ambient,
     "motor": _motor,
     "laser": _laser,
     "encoder": _encoder,

@@ -8,12 +8,13 @@ from amaranth.hdl import Assert, Assume, Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
+from gateware.frame.alternation import Alternation
 from gateware.motion.angle import AngleLatch
 from gateware.motion.interlock import SYNCHRONISER_STAGES, Interlock
 from gateware.motion.loop import _TERM, FULL, SpeedLoop
 from gateware.motion.pwm import SHORTEST_PERIOD, Pwm
 from gateware.motion.quadrature import UNKNOWN, Quadrature
-from magtrak.protocol import LASER_KEY
+from magtrak.protocol import LASER_KEY, AmbientMode, Phase
 from tests.support.formal import ProofError, past, prove
 
 
@@ -85,6 +86,70 @@ class LaserNeedsEveryCondition(wiring.Component):
             Assert(~ripe | keyed),
             Assert(heard == dut._heard),
         ]
+        return m
+
+
+class BackgroundsAreDark(wiring.Component):
+    """No light in an image that is a background, nor, in ``AmbientMode.SKIP``, in the one before it.
+
+    Shutter and interlock are joined as in :class:`~gateware.motion.Motion`. Settings are those of an image: they may
+    change at its start, an image being from a clock after ``frame_end`` to the next.
+    """
+
+    run: In(1)
+    frame_first: In(1)
+    frame_end: In(1)
+    subtracted: In(1)
+    interlock: In(1)
+    tick: In(1)
+    arm: In(1)
+    key: In(16)
+    renew: In(1)
+    ambient_mode: In(2)
+    ambient_measured: In(8)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.alternation = alternation = Alternation()
+        m.submodules.interlock = interlock = Interlock()
+        m.d.comb += [
+            alternation.run.eq(self.run),
+            alternation.frame_first.eq(self.frame_first),
+            alternation.frame_end.eq(self.frame_end),
+            alternation.subtracted.eq(self.subtracted),
+            alternation.settings.ambient_mode.eq(self.ambient_mode),
+            alternation.settings.ambient_measured.eq(self.ambient_measured),
+            interlock.lease_ms.eq(1000),
+            interlock.sound.eq(1),
+            interlock.permitted.eq(alternation.laser),
+        ]
+        for name in ("interlock", "tick", "arm", "key", "renew"):
+            m.d.comb += getattr(interlock, name).eq(getattr(self, name))
+
+        background = alternation.phase == Phase.BACKGROUND
+        ended = past(m, self.frame_end, init=1)
+        m.d.comb += [
+            # The shutter is a clock after the image's end; what remains of the gap is dark.
+            Assert(~interlock.laser | past(m, alternation.laser, init=1)),
+            Assert(~background | ~past(m, background) | ~interlock.laser),
+            Assert(background == alternation.background),
+            Assert(~background | ~alternation.laser),
+            # No image becomes a background half-way.
+            Assert(ended | ~background | past(m, background)),
+        ]
+        # Light since the first clock but one of this image, and of the one before.
+        lit, lit_before = Signal(), Signal()
+        m.d.sync += lit.eq((lit & ~ended) | (interlock.laser & ~ended))
+        with m.If(self.frame_end):
+            m.d.sync += lit_before.eq((lit & ~ended) | (interlock.laser & ~ended))
+        mode = Signal(2)
+        with m.If(self.frame_end):
+            m.d.sync += mode.eq(self.ambient_mode)
+        with m.If(background & (mode == AmbientMode.SKIP)):
+            m.d.comb += Assert(~lit_before)
+        # What makes it inductive: in an image that darkens, or is dark, there was no light so far.
+        with m.If(~alternation.laser & ~ended):
+            m.d.comb += Assert(~lit)
         return m
 
 
@@ -276,6 +341,10 @@ class LoopNeverWraps(wiring.Component):
 
 def test_laser_is_never_on_with_a_condition_missing():
     prove(LaserNeedsEveryCondition(), "prove", 4)
+
+
+def test_backgrounds_are_dark():
+    prove(BackgroundsAreDark(), "prove", 5)
 
 
 @pytest.mark.parametrize("length", [1, 3])

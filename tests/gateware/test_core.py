@@ -9,8 +9,21 @@ from boards.simulation import SimulationTop
 from gateware.core import Core
 from gateware.verilog import verilog
 from magtrak import protocol
-from magtrak.protocol import COMMAND, FRAME, FULL_ROW, Access, AnswerCode, Deframer, Packet, PacketType, Scope
-from magtrak.reference import measure
+from magtrak.protocol import (
+    COMMAND,
+    FRAME,
+    FRAME_FLAGS,
+    FULL_ROW,
+    Access,
+    AmbientMode,
+    AnswerCode,
+    Deframer,
+    Packet,
+    PacketType,
+    Phase,
+    Scope,
+)
+from magtrak.reference import Background, measure, mix
 from tests.support.simulation import simulate
 from tests.support.streams import send
 
@@ -109,9 +122,9 @@ def run(test, clocks=30_000):
     simulate(dut, testbench, listen, clocks=clocks)
 
 
-def expected(image, settings=SETTINGS):
+def expected(image, settings=SETTINGS, background=None):
     """Rows by the reference, all colours passing the gate."""
-    records = measure(image, settings, np.ones((3, 256), bool))
+    records = measure(image, settings, np.ones((3, 256), bool), background)
     return [{name: int(record[name]) for name in record.dtype.names} for record in records]
 
 
@@ -144,6 +157,45 @@ def test_from_pixels_to_packets():
         assert await rig.read("frames") == 1
 
     run(test)
+
+
+@pytest.mark.parametrize(
+    ("mode", "sequence"),
+    [(AmbientMode.ALTERNATE, "UBMBM"), (AmbientMode.SKIP, "USBSMSBSM")],
+)
+def test_backgrounds_are_dark_and_subtracted(mode, sequence):
+    """Laser, flag, phase and rows of each image; the first one brings the mode in force."""
+
+    async def test(rig):
+        ctx, dut = rig.ctx, rig.dut
+        await rig.write("laser_delay_ms", 0)
+        await rig.write("laser_arm", protocol.LASER_KEY)
+        await open_gate(rig)
+        await rig.write("ambient_mode", mode)
+        await rig.write("commit", 1)
+        await rig.write("run", 1)
+        for _ in range(2 * CLOCK_HZ // 1000):
+            await ctx.tick()
+        room = line_image(seed=3)[:, ::-1] // 2
+        for number, name in enumerate(sequence):
+            lit = ctx.get(dut.laser)
+            image = np.maximum(room, line_image(seed=number)) if lit else room
+            await rig.show(image)
+            header, rows = await rig.frame()
+            phase = next(phase for phase in Phase if phase.name.startswith(name))
+            assert (header["frame"], header["phase"], header["columns"]) == (number, phase, 32)
+            laser_on = FRAME_FLAGS.unpack(header["flags"].to_bytes(2, "little"))["laser_on"]
+            if phase in (Phase.MEASURED, Phase.UNSUBTRACTED):
+                assert lit and laser_on
+                mixed = mix(room, SETTINGS)
+                background = Background.of(mixed, 0) if phase == Phase.MEASURED else None
+                assert rows == expected(image, background=background)
+            else:
+                assert rows == []
+                assert phase == Phase.SKIPPED or not (lit or laser_on)
+        assert await rig.read("dropped") == 0
+
+    run(test, clocks=60_000)
 
 
 def test_a_camera_that_makes_noise_does_not_stop_the_card():

@@ -12,7 +12,7 @@ from gateware.frame.assembler import FrameAssembler
 from gateware.frame.buffer import FrameBuffer
 from gateware.frame.facts import ImageFacts, MotionFacts, VisionFacts
 from gateware.layouts import Packets
-from magtrak.protocol import COMPACT_ROW, EDGE, FRAME, FRAME_FLAGS, FULL_ROW, RowForm
+from magtrak.protocol import COMPACT_ROW, EDGE, FRAME, FRAME_FLAGS, FULL_ROW, Phase, RowForm
 from tests.support.simulation import simulate
 
 MAX_ROWS = 16
@@ -79,7 +79,8 @@ class Image:
 
     def payload(self, number, dropped, damaged):
         """The definition of what is sent of it."""
-        sent = self.rows[:MAX_ROWS]
+        # Images that were not measured have no rows to send.
+        sent = self.rows[:MAX_ROWS] if self.image["phase"] in (Phase.MEASURED, Phase.UNSUBTRACTED) else []
         errors = sum(bit << n for n, bit in enumerate(self.vision["errors"].values()))
         encoder = self.motion["encoder_errors"]
         flags = FRAME_FLAGS.pack(

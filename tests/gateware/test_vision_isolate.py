@@ -4,9 +4,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from amaranth.hdl import Module
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
 
-from gateware.camera.monitor import MIN_BLANKING, MIN_FRAME_GAP, MIN_ROW_PERIOD
+from gateware.camera.monitor import MIN_BLANKING, MIN_FRAME_GAP, MIN_ROW_PERIOD, Monitor
+from gateware.layouts import FrameSettings, Video
 from gateware.vision.isolate import Isolate
+from gateware.vision.pixels import MeasuredPixel
 from magtrak.reference import isolate
 from tests.support.simulation import simulate
 
@@ -250,8 +255,171 @@ def test_turned_off():
             check(frame, result, k)
         if held:
             check_latency(tape.frames[1], frames[1])
-        direct = [1, 2][held:]
-        for at in direct:
+        for at in [1, 2][held:]:
             assert clocks_of(frames[at]) == [
                 [clock + Isolate.latency for clock in row] for row in clocks_of(tape.frames[at])
             ]
+
+
+def rows_of(tape: Tape, result) -> None:
+    """Every pixel that came out of a frame stands where it stood in that frame, and what is missing is flagged."""
+    for frame, out in zip(tape.frames, result, strict=True):
+        assert len(frame) == len(out)
+        for row, row_out in zip(frame, out, strict=True):
+            names = ("mix", "weight", "saturated")
+            sent, came = ([[pixel[name] for name in names] for _, pixel in pixels] for pixels in (row, row_out))
+            assert came == sent[: len(came)]
+            assert len(came) == len(sent) or row_out[-1][1]["fault"]
+
+
+def test_rows_of_different_length():
+    """A row ends with a shorter one below it, flagged; a longer one is whole. By hand: all pixels are gated."""
+    tape = Tape(np.random.default_rng(SEED))
+    for number, length in enumerate((20, 12, 30, 30)):
+        tape.row(np.ones(length), top=number == 0)
+    tape.clocks[1].k = 6
+    tape.idle(MIN_FRAME_GAP)
+    tape.ends.append(len(tape.clocks) - 1)
+    tape.idle(100)
+    tape.image(np.ones((2, 20)), 6)
+    frames, ends = tape.play()
+    rows_of(tape, frames)
+    assert [len(row) for row in frames[0]] == [12, 12, 30, 30] and len(ends) == 2
+    gates = ["".join(".#"[pixel["gate"]] for _, pixel in row) for row in frames[0]]
+    # Up to two neighbours of its own row, and three of each row that reaches so far.
+    assert gates == ["." * 12, "." + "#" * 11, "." + "#" * 12 + "." * 17, "." * 30]
+
+
+def test_next_image_shorter():
+    """The last row of a long image is cut where the next image's first row ends; nothing else is."""
+    for length in (1, 10, 15, 16, 64):
+        tape = Tape(np.random.default_rng(SEED))
+        for columns, k in ((64, 2), (length, 2), (64, 0)):
+            tape.image(np.ones((3, columns)), k)
+        frames, ends = tape.play()
+        rows_of(tape, frames)
+        assert len(ends) == 3
+        # It begins 16 clocks after the row, the next image 64, and 16 more have to be left before that one's rows.
+        assert len(frames[0][-1]) == min(64, MIN_FRAME_GAP - MIN_BLANKING + length)
+        assert frames[1][-1][-1][1]["row_last"] and len(frames[1][-1]) == length
+
+
+@pytest.mark.parametrize("end", [0, MIN_BLANKING])
+def test_next_image_at_once(end):
+    """As early as the monitor lets it begin after a late row: the last row goes out ahead of what overwrites it."""
+    rng = np.random.default_rng(SEED)
+    tape = Tape(rng)
+    for frame_gap in (MIN_BLANKING, MIN_BLANKING, 100):
+        tape.image(rng.random((2, 20)) < 0.6, 2, end=end, frame_gap=frame_gap)
+    frames, ends = tape.play()
+    assert len(ends) == 3
+    for frame, result in zip(tape.frames, frames, strict=True):
+        check(frame, result, 2)
+
+
+def test_images_without_rows():
+    """Their ends come out after the row that was on its way, and before the next image."""
+    rng = np.random.default_rng(SEED)
+    tape = Tape(rng)
+    tape.image(rng.random((2, 40)) < 0.5, 2, frame_gap=90)
+    tape.ends += [len(tape.clocks) - 70, len(tape.clocks) - 60]
+    tape.image(rng.random((2, 40)) < 0.5, 2, frame_gap=200)
+    tape.ends += [len(tape.clocks) - 10]
+    tape.image(rng.random((2, 40)) < 0.5, 2)
+    frames, ends = tape.play()
+    assert [len(frame) for frame in frames] == [2, 0, 0, 2, 0, 2] and len(ends) == 6
+
+
+class Watched(wiring.Component):
+    """The filter behind the monitor, and what it is given."""
+
+    settings: In(FrameSettings)
+    video: In(Video())
+    given: Out(stream.Signature(MeasuredPixel, always_ready=True))
+    given_end: Out(1)
+    o: Out(stream.Signature(MeasuredPixel, always_ready=True))
+    o_frame_end: Out(1)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.monitor = monitor = Monitor(32, 8)
+        m.submodules.dut = dut = Isolate(32)
+        wiring.connect(m, monitor.video, wiring.flipped(self.video))
+        wiring.connect(m, dut.o, wiring.flipped(self.o))
+        pixel, given = monitor.pixel.p, dut.i.p
+        m.d.comb += [
+            dut.settings.eq(self.settings),
+            dut.i.valid.eq(monitor.pixel.valid),
+            given.mix.eq(pixel.r),
+            given.weight.eq(pixel.g),
+            given.gate.eq(pixel.b[0]),
+            dut.i_frame_end.eq(monitor.frame_end),
+            self.given.valid.eq(dut.i.valid),
+            self.given.p.eq(given),
+            self.given_end.eq(dut.i_frame_end),
+            self.o_frame_end.eq(dut.o_frame_end),
+        ]
+        for name in ("row_first", "row_last", "frame_first", "fault"):
+            m.d.comb += given[name].eq(pixel[name])
+        return m
+
+
+class Rows:
+    """Frames of rows, from pixels and ends."""
+
+    def __init__(self) -> None:
+        self.frames: list[list[list]] = [[]]
+
+    def take(self, valid, pixel, end) -> None:
+        if end and valid and pixel.frame_first:
+            self.frames.append([])
+        if valid:
+            assert pixel.frame_first == (pixel.row_first and not self.frames[-1])
+            if pixel.row_first:
+                assert not self.frames[-1] or self.frames[-1][-1][-1].row_last
+                self.frames[-1].append([])
+            self.frames[-1][-1].append(pixel)
+        if end and not (valid and pixel.frame_first):
+            assert not self.frames[-1] or self.frames[-1][-1][-1].row_last
+            self.frames.append([])
+
+
+def test_noise_through_the_monitor():
+    """Whatever the camera does, each frame comes out with its own rows in order; what is cut is flagged."""
+    rng = np.random.default_rng(SEED)
+    print("seed", SEED)
+    dut = Watched()
+    given, out = Rows(), Rows()
+
+    async def testbench(ctx):
+        calm = True
+        for now in range(12_000):
+            if now % 300 == 0:
+                calm = rng.random() < 0.7
+                ctx.set(dut.settings.isolate, int(rng.choice([0, 1, 4])))
+            shares = (0.9, 0.02, 0.03, 0.3, 0.003) if calm else (0.7, 0.1, 0.2, 0.3, 0.05)
+            quiet = now % 300 > 240 and calm
+            valid, row_first, row_last, frame_first, end = (int(rng.random() < share and not quiet) for share in shares)
+            flags = {"row_first": row_first, "row_last": row_last, "frame_first": row_first & frame_first}
+            ctx.set(dut.video.pixel.valid, valid)
+            ctx.set(dut.video.pixel.p, {"r": now & 255, "g": now >> 8, "b": int(rng.integers(0, 2)), **flags})
+            ctx.set(dut.video.frame_end, end)
+            values = (dut.given.valid, dut.given.p, dut.given_end, dut.o.valid, dut.o.p, dut.o_frame_end)
+            _, _, *sampled = await ctx.tick().sample(*values)
+            given.take(*sampled[:3])
+            out.take(*sampled[3:])
+
+    simulate(dut, testbench, clocks=13_000)
+    assert len(given.frames) > 50
+    assert len(given.frames) - len(out.frames) <= 3  # on the way
+    whole = cut = 0
+    for frame, result in zip(given.frames, out.frames[:-1], strict=False):
+        assert len(frame) == len(result)
+        for row, row_out in zip(frame, result, strict=True):
+            sent, came = ([(pixel.mix, pixel.weight) for pixel in pixels] for pixels in (row, row_out))
+            assert came == sent[: len(came)]
+            assert len(came) == len(sent) or row_out[-1].fault
+            whole += len(came) == len(sent)
+            cut += len(came) != len(sent)
+    print(whole, "rows whole,", cut, "cut")
+    assert whole > 40 and cut > 4

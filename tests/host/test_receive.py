@@ -17,9 +17,10 @@ import pytest
 from magtrak import protocol
 from magtrak.calibration import Calibration
 from magtrak.cloud.ply import read_ply
+from magtrak.protocol import Phase
 from tests.support.calibrations import example_calibration
 from tests.support.fake_card import FakeCard
-from tests.support.frames import Recorder
+from tests.support.frames import Recorder, in_phase
 
 WALL_MM = 2000.0
 FRAMES = 20
@@ -100,6 +101,30 @@ def test_a_wall_is_where_it_is(receiver: Receiver) -> None:
         assert done.returncode == 0
         assert card.written[-3:] == [("laser_arm", 0), ("motor_mode", 0), ("run", 0)]
     assert done.stdout.startswith("5 frames, 240 points, ")
+
+
+def test_backgrounds_give_no_points_but_their_edges(receiver: Receiver) -> None:
+    phases = [Phase.UNSUBTRACTED, Phase.SKIPPED, Phase.BACKGROUND, Phase.SKIPPED] + [
+        Phase.MEASURED,
+        Phase.SKIPPED,
+        Phase.BACKGROUND,
+        Phase.SKIPPED,
+    ] * 4
+    payloads = [in_phase(payload, phase) for payload, phase in zip(wall(), phases, strict=True)]
+    for bare in ("rows", "bare"):
+        with FakeCard(payloads) as card:
+            done = receiver.run(card.port, "--angle", bare)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.startswith("20 frames, 192 points, 0 lost frames")
+        assert done.stdout.endswith("15 frames of background, 1 frames before the first background\n")
+        cloud = read_ply(receiver.cloud)
+        assert np.array_equal(cloud["scalar_frame"], np.repeat([4, 8, 12, 16], 48))
+        if bare == "rows":  # frame 8's curve needs the edges of 7 and 9
+            times = np.concatenate([Recorder(movement).row_times(n) for n in (4, 8, 12, 16)])
+            assert np.abs(cloud["scalar_angle"] - 2 * np.pi * movement(times) / 8192).max() < 1e-6
+    with FakeCard(payloads[:4]) as card:
+        done = receiver.run(card.port)
+    assert "no frame had a background to subtract" in done.stderr
 
 
 def test_bare_angles_are_visibly_worse(receiver: Receiver) -> None:

@@ -73,6 +73,23 @@ def test_the_paper_uses_its_own_detector() -> None:
     assert values["detector"] == [protocol.Detector.BINARY]
 
 
+def test_gates_of_several_ranges() -> None:
+    settings = parse_settings(
+        {"gate": {"hue": [[350, 10], [90, 180]], "luminance": [[0, 0.2], [0.4, 1]], "saturation": [0.5, 1]}}
+    )
+    tables = {name: entries(words) for name, words in settings.tables()}
+    assert tables["lut_hue"] == [*range(8), *range(64, 129), *range(249, 256)]
+    assert tables["lut_luminance"] == [*range(52), *range(102, 256)]
+    assert tables["lut_saturation"] == list(range(128, 256))
+
+
+def test_ambient_light() -> None:
+    registers = dict(parse_settings({"ambient": {"mode": "skip", "measured": 7}}).register_values(50e6))
+    assert (registers["ambient_mode"], registers["ambient_measured"]) == ([protocol.AmbientMode.SKIP], [7])
+    assert load_settings("red-ambient").ambient.mode == "skip"
+    assert load_settings("red").ambient.mode == "off"
+
+
 def test_values_in_units_of_the_card() -> None:
     values = parse_settings(
         {
@@ -109,6 +126,12 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"gate": {"luminance": [0.5, 0.1]}}, r"gate\.luminance is \[0\.5, 0\.1\]; .* the smaller first"),
     ({"gate": {"saturation": [0, "x"]}}, r"gate\.saturation"),
     ({"gate": 3}, r"gate must be a table"),
+    ({"gate": {"hue": []}}, r"gate\.hue is \[\]; it must be two numbers"),
+    ({"gate": {"hue": [[0, 9], [400, 1]]}}, r"gate\.hue is \[400, 1\]; it must be two numbers from 0 to 360"),
+    ({"gate": {"hue": [[0, 9], 5]}}, r"gate\.hue is \[\[0, 9\], 5\]; .*, or a list of such ranges"),
+    ({"gate": {"saturation": [[0, 1], [1, 0]]}}, r"gate\.saturation is .* the smaller first, or a list"),
+    ({"ambient": {"mode": "on"}}, r"ambient\.mode is 'on'; it must be 'off' or 'alternate' or 'skip'"),
+    ({"ambient": {"measured": 0}}, r"ambient\.measured is 0; it must be a whole number from 1 to 255"),
     ({"weight": {"mix": [1, 1]}}, r"weight\.mix is \[1, 1\]; it must be finite numbers, a list of 3"),
     ({"weight": {"mix": [3, 0, 0]}}, r"weight\.mix is \[3, 0, 0\]; it must be three numbers from -2"),
     ({"weight": {"floor": -1}}, r"weight\.floor is -1; it must be a whole number from 0 to 255"),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from magtrak import protocol
-from magtrak.protocol import RowForm
+from magtrak.protocol import Phase, RowForm
 
 CLOCK_HZ = 50_000_000
 
@@ -119,6 +119,16 @@ class Recorder:
             data += full_rows(columns(number) if columns else np.full(self.rows, np.nan))
             payloads.append(data)
         return payloads
+
+
+def in_phase(payload: bytes, phase: Phase) -> bytes:
+    """The payload as an image of that phase has it: without rows, where it was not measured."""
+    size = protocol.FRAME.size
+    header = protocol.FRAME.unpack(payload[:size]) | {"phase": phase}
+    if phase in (Phase.BACKGROUND, Phase.SKIPPED):
+        header["rows"] = 0
+    rows = header["rows"] * protocol.FULL_ROW.size
+    return protocol.FRAME.pack(header) + payload[size : size + header["edges"] * protocol.EDGE.size + rows]
 
 
 def full_rows(columns_px: Sequence[float] | np.ndarray) -> bytes:

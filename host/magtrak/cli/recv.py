@@ -19,7 +19,7 @@ PATH = click.Path(path_type=Path)
     default="green",
     show_default=True,
     metavar="NAME|FILE.toml",
-    help="What the card is told: green, red, green-daylight, red-daylight, paper, or a file.",
+    help="What the card is told: green or red, each with -daylight or -ambient if need be, paper, or a file.",
 )
 @click.option("--picture", type=PATH, metavar="FILE.png", help="Also draw a picture of the cloud.")
 @click.option(

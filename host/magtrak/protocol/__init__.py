@@ -21,6 +21,7 @@ from .packets import (
     POSITION_FRACTION_BITS,
     AnswerCode,
     PacketType,
+    Phase,
     RowForm,
 )
 from .registers import (
@@ -30,6 +31,7 @@ from .registers import (
     REGISTERS,
     VERSION,
     Access,
+    AmbientMode,
     Bridge,
     Choice,
     Detector,
@@ -62,6 +64,7 @@ __all__ = [
     "REGISTERS",
     "VERSION",
     "Access",
+    "AmbientMode",
     "AnswerCode",
     "Bridge",
     "Choice",
@@ -75,6 +78,7 @@ __all__ = [
     "MotorMode",
     "Packet",
     "PacketType",
+    "Phase",
     "Register",
     "RowForm",
     "Scope",

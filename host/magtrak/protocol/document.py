@@ -59,6 +59,7 @@ def render() -> str:
         " tells.\n",
         _layout(packets.FRAME),
     ]
+    parts += ["### Phases\n", _enum(packets.Phase)]
     parts += ["### Frame flags\n", _layout(packets.FRAME_FLAGS)]
     parts += ["### Camera errors\n", _layout(packets.CAMERA_ERRORS)]
     parts += ["### Encoder errors\n", _layout(packets.ENCODER_ERRORS)]
@@ -74,6 +75,7 @@ def render() -> str:
     parts += ["### Choices\n", _enum(registers.Choice)]
     parts += ["### Windows\n", _enum(registers.Window)]
     for heading, causes in (
+        ("Ambient modes", registers.AmbientMode),
         ("Laser causes", registers.LaserCause),
         ("Motor modes", registers.MotorMode),
         ("Motor causes", registers.MotorCause),

@@ -27,6 +27,15 @@ class RowForm(enum.IntEnum):
     FULL = 1
 
 
+class Phase(enum.IntEnum):
+    """What an image is for, while images with and without laser alternate."""
+
+    MEASURED = 0  # the background was subtracted; or ambient_mode is off
+    BACKGROUND = 1  # laser off; no rows follow
+    SKIPPED = 2  # the laser was switched while it was exposed; no rows follow
+    UNSUBTRACTED = 3  # measured, but there was no background of this size and these settings yet
+
+
 class AnswerCode(enum.IntEnum):
     """What became of a command."""
 
@@ -104,7 +113,7 @@ FRAME = Layout(
         Field("camera_errors", 8, "what was wrong with this image: see camera errors"),
         Field("edges", 8, "entries of the edge log"),
         Field("edge_shift", 8, "the log holds every 2^edge_shift-th edge"),
-        Field("_reserved", 8),
+        Field("phase", 8, "a Phase: what the image is for"),
         Field("rows", 16, "rows that follow"),
         Field("first_row", 16, "row of the image that the first one is"),
         Field("columns", 16, "columns of the image"),

@@ -71,6 +71,14 @@ class Window(enum.IntEnum):
     HALF_31 = 3
 
 
+class AmbientMode(enum.IntEnum):
+    """How images without laser are taken, whose light is subtracted from the others."""
+
+    OFF = 0
+    ALTERNATE = 1  # one background, then ambient_measured images
+    SKIP = 2  # likewise, with an image left out where the laser is switched: it holds some of both
+
+
 class IndexPolicy(enum.IntEnum):
     """What a pass of the index does to the zero of the angle. The count runs on: the edges of a frame need that."""
 
@@ -237,6 +245,15 @@ REGISTERS: tuple[Register, ...] = (
         "1/256",
         init=96,
     ),
+    _frame(
+        "ambient_mode",
+        0x0120,
+        2,
+        "an AmbientMode: 0 off, 1 alternate laser on and off, 2 with a skipped image at each change",
+        high=max(AmbientMode),
+    ),
+    _frame("ambient_measured", 0x0121, 8, "measured images to one background", "images", init=1, low=1),
+    _card("background_cells", 0x0122, 24, "blocks of pixels that the background may have"),
     _frame("exposure_us", 0x0110, 32, "exposure of the camera; only passed on in each frame", "us"),
     _frame(
         "time_offset_ns",
@@ -364,7 +381,7 @@ REGISTERS: tuple[Register, ...] = (
         0x0343,
         8,
         "bit 0 emitting, 1 armed, 2 interlock closed, 3 lease alive, 4 motor not stopped by a fault, 5 permitted by"
-        " laser_conditions",
+        " laser_conditions and ambient_mode",
     ),
     _card(
         "laser_cause",

@@ -5,6 +5,7 @@ uses them as a card in software. They stand on the host's side because the host 
 gateware may import the host package but not the reverse.
 """
 
+from .ambient import Alternation, Background, BackgroundStore, subtract
 from .gate import gate, luts_from_words, words_from_luts
 from .hls import hls
 from .isolate import isolate
@@ -14,6 +15,9 @@ from .weight import mix, saturated, weight
 
 __all__ = [
     "ROW_DTYPE",
+    "Alternation",
+    "Background",
+    "BackgroundStore",
     "Runs",
     "find_runs",
     "gate",
@@ -23,6 +27,7 @@ __all__ = [
     "measure",
     "mix",
     "saturated",
+    "subtract",
     "weight",
     "words_from_luts",
 ]

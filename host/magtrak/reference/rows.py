@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ..protocol import FULL_ROW, Choice, Detector, Window
 from . import centroid, fir
+from .ambient import Background, subtract
 from .fir import FRACTION
 from .gate import gate
 from .hls import U8
@@ -19,7 +20,9 @@ ROW_DTYPE = np.dtype([(field.name, np.int64) for field in FULL_ROW.fields if not
 """The fields of a full row."""
 
 
-def measure(image: U8, settings: Mapping[str, int], luts: NDArray[np.bool_]) -> NDArray[np.void]:
+def measure(
+    image: U8, settings: Mapping[str, int], luts: NDArray[np.bool_], background: Background | None = None
+) -> NDArray[np.void]:
     """What the card measures in an image that keeps the camera's contract, bit for bit.
 
     Parameters
@@ -27,6 +30,7 @@ def measure(image: U8, settings: Mapping[str, int], luts: NDArray[np.bool_]) -> 
     image : (rows, columns, 3) uint8, RGB
     settings : the registers of scope ``FRAME``, by name
     luts : (3, 256) bool, gate tables of hue, luminance and saturation
+    background : subtracted from the mix; where that leaves nothing above the floor, nothing is gated
 
     Returns
     -------
@@ -63,10 +67,13 @@ def measure(image: U8, settings: Mapping[str, int], luts: NDArray[np.bool_]) -> 
     ``run_reach`` columns of the crossing; or (``binary``) the gated pixels spread wider than ``run_width_max``.
     """
     rows, columns = image.shape[:2]
-    mixed = mix(image, settings)
+    mixed = subtract(mix(image, settings), background)
     inside = _inside(rows, columns, settings)
-    gated = isolate(gate(image, luts) & inside, settings["isolate"])
     lit = np.where(inside, weight(mixed, settings), 0)
+    gated = gate(image, luts) & inside
+    if background is not None:
+        gated &= lit > 0
+    gated = isolate(gated, settings["isolate"])
     runs = find_runs(lit, gated, saturated(image), settings)
     crossings = fir.crossings(mixed)
     binary = settings["detector"] == Detector.BINARY

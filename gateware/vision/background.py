@@ -1,0 +1,163 @@
+"""The reduced picture of the room without the laser."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import memory, wiring
+from amaranth.lib.wiring import In, Out
+
+from magtrak import reference
+from magtrak.protocol import AmbientMode
+from magtrak.reference.ambient import MAX_SHIFT, MIN_CELLS
+
+from ..arithmetic import delayed
+from ..layouts import FrameSettings
+from .weight import Weight
+
+DEFAULT_CELLS = 160 * 120
+"""Ten block RAMs of an ECP5; VGA in blocks of 4 x 4."""
+
+_ADDRESS_CLOCKS = 3
+_READ_CLOCKS = 2
+_END_CLOCKS = 8
+"""Clocks from an image's end to where all is known of its last pixel."""
+
+
+class Background(wiring.Component):
+    """Takes the background from images without laser, and gives it back for the others.
+
+    :class:`magtrak.reference.BackgroundStore` is the definition: the greatest mix of each block of pixels, which are
+    as small as the memory allows. Blocks lie in the memory one after the other, so that images of any shape use it up;
+    their addresses are counted, not multiplied. An image's size is known at its end: the first one of another size
+    has the old background subtracted.
+
+    One pixel a clock. ``value`` comes :attr:`latency` clocks after the pixel, together with the mix.
+
+    Parameters
+    ----------
+    cells : blocks that fit
+
+    Members
+    -------
+    settings : ``ambient_mode`` is used
+    settings_change : strobe: a background taken before is of no use; at the latest a clock before the first pixel
+    valid, row_first, frame_first : of the pixel
+    column, row : place of the pixel of a clock ago
+    mix : of the pixel of :attr:`latency` clocks ago, before anything is subtracted
+    take : the image is a background; sampled a clock after its first pixel
+    image_end : strobe, with or after the last pixel of an image. Where the next image follows within
+        fewer than 8 clocks, the background is lost.
+    faulty, image_rows, image_columns : of the image, from 1 clock after ``image_end`` on, until the next
+    value : to be subtracted from the mix of the pixel; 0 where nothing is
+    subtracting : something is subtracted from this image; from 2 clocks after its first pixel on
+
+    Raises
+    ------
+    ValueError
+        There are fewer cells than an image of 2048 x 2048 needs, or more than there are pixels.
+    """
+
+    def __init__(self, cells: int = DEFAULT_CELLS) -> None:
+        if not MIN_CELLS <= cells <= 2048 * 2048:
+            raise ValueError(f"background_cells is {cells}; {MIN_CELLS} to {2048 * 2048} are possible")
+        self.cells = cells
+        super().__init__(
+            {
+                "settings": In(FrameSettings),
+                "settings_change": In(1),
+                "valid": In(1),
+                "row_first": In(1),
+                "frame_first": In(1),
+                "column": In(12),
+                "row": In(12),
+                "mix": In(8),
+                "take": In(1),
+                "image_end": In(1),
+                "faulty": In(1),
+                "image_rows": In(12),
+                "image_columns": In(12),
+                "value": Out(8),
+                "subtracting": Out(1),
+            }
+        )
+
+    reference = reference.BackgroundStore
+
+    latency = Weight.raw_latency
+    """Clocks from the pixel to its value."""
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.memory = store = memory.Memory(shape=8, depth=self.cells, init=[])
+        read, write = store.read_port(), store.write_port()
+
+        # Where blocks begin. The mask has a bit for each halving; it is the size of the blocks less one.
+        mask = Signal(MAX_SHIFT)
+        valid = delayed(m, self.valid, 1, "valid")
+        first = delayed(m, self.valid & self.row_first, 1, "row_first")
+        frame = delayed(m, self.valid & self.frame_first, 1, "frame_first")
+        strobes = Signal(5)
+        m.d.sync += strobes.eq(
+            Cat(valid, valid & ~(self.column & mask).any(), first, frame, ~(self.row & mask).any()),
+        )
+        wait = self.latency - _ADDRESS_CLOCKS - _READ_CLOCKS
+        pixel, begins, row_begins, frame_begins, band_begins = delayed(m, strobes, wait, "strobes")
+
+        # Each row of a band of blocks goes through the same addresses.
+        address, base = Signal(range(self.cells)), Signal(range(self.cells))
+        following = Signal(range(self.cells))
+        full = Signal()  # there are more blocks than cells
+        m.d.comb += following.eq(address + 1)
+        with m.If(begins):
+            with m.If(frame_begins):
+                m.d.sync += [address.eq(0), base.eq(0), full.eq(0)]
+            with m.Elif(row_begins & ~band_begins):
+                m.d.sync += address.eq(base)
+            with m.Else():
+                m.d.sync += address.eq(following)
+                with m.If(address == self.cells - 1):
+                    m.d.sync += full.eq(1)
+                with m.If(row_begins):
+                    m.d.sync += base.eq(following)
+        stored = Signal(8, reset_less=True)
+        m.d.comb += [read.addr.eq(address), read.en.eq(1)]
+        m.d.sync += stored.eq(read.data)
+
+        # The greatest so far, written with each pixel.
+        taking = Signal()
+        clocks = 1 + _READ_CLOCKS
+        writes = delayed(m, pixel, clocks, "pixel")
+        starts, fresh = delayed(m, begins, clocks, "begins"), delayed(m, band_begins, clocks, "band_begins")
+        greatest, before = Signal(8, reset_less=True), Signal(8)
+        m.d.comb += [
+            before.eq(Mux(starts, Mux(fresh, 0, stored), greatest)),
+            write.addr.eq(delayed(m, address, clocks, "address")),
+            write.data.eq(greatest),
+        ]
+        m.d.sync += write.en.eq(writes & taking & ~full)
+        with m.If(writes):
+            m.d.sync += greatest.eq(Mux(self.mix > before, self.mix, before))
+
+        # Whether there is a background.
+        ready = Signal()
+        end = Signal(_END_CLOCKS)
+        m.d.sync += end.eq(Cat(self.image_end, end))
+        size, image_size = Signal(24), Cat(self.image_rows, self.image_columns)
+        with m.If(end[-1]):
+            with m.If(self.faulty):
+                m.d.sync += ready.eq(ready & ~taking)
+            with m.Elif(size != image_size):
+                m.d.sync += [size.eq(image_size), mask.eq(0), ready.eq(0)]
+            with m.Elif(full):
+                m.d.sync += [mask.eq(Cat(1, mask)), ready.eq(0)]
+            with m.Elif(taking):
+                m.d.sync += ready.eq(1)
+        with m.If(frame):
+            m.d.sync += [
+                taking.eq(self.take),
+                self.subtracting.eq(ready & ~self.take & (self.settings.ambient_mode != AmbientMode.OFF)),
+            ]
+            with m.If(end.any()):
+                m.d.sync += [end.eq(0), ready.eq(0), self.subtracting.eq(0)]
+        with m.If(self.settings_change):
+            m.d.sync += ready.eq(0)
+        m.d.comb += self.value.eq(Mux(self.subtracting, stored, 0))
+        return m
