@@ -12,6 +12,7 @@ from gateware.frame.buffer import FrameBuffer
 from gateware.link.link import Link
 from gateware.motion.motion import Motion
 from gateware.registers import RegisterFile
+from gateware.vision.background import Background
 from gateware.vision.choose import Choose
 from gateware.vision.fir import Fir
 from gateware.vision.gate import Gate
@@ -31,11 +32,11 @@ BUILD = Path(__file__).resolve().parent.parent / "build" / "resources"
 PAGE = Path(__file__).with_name("resources.md")
 MAX_ROWS = 1024
 
-PIXELS: tuple[Callable[[], wiring.Component], ...] = (
-    *(Monitor, HLS, Gate, Weight, Pixels, Isolate),
-    *(Lookahead, Fir, Runs, Choose, Spread, Window, Peak, Vision),
-)
-OTHERS: tuple[tuple[str, Callable[[], wiring.Component]], ...] = (
+BLOCKS: tuple[tuple[str, Callable[[], wiring.Component]], ...] = (
+    *((block.__name__, block) for block in (Monitor, HLS, Gate, Weight, Background, Pixels, Isolate)),
+    *((block.__name__, block) for block in (Lookahead, Fir, Runs, Choose, Spread, Window)),
+    ("Peak", lambda: Peak(2048, Window().latency)),
+    ("Vision", Vision),
     ("Motion", Motion),
     ("FrameBuffer", lambda: FrameBuffer(MAX_ROWS)),
     ("FrameAssembler", lambda: FrameAssembler(MAX_ROWS)),
@@ -50,8 +51,8 @@ Rendered by `python -m docs.resources`: Yosys and nextpnr as `requirements.lock`
 and multipliers are those of the block alone; its frequency is that between registers at all of its ports. Images of up
 to 2048 columns, frames of up to {MAX_ROWS} rows.
 
-`Pixels` holds `HLS`, `Gate` and `Weight`; `Vision` is the whole path from pixels to rows; `Core` is everything but
-the board.
+`Pixels` holds `HLS`, `Gate`, `Weight` and `Background`; `Vision` is the whole path from pixels to rows; `Core` is
+everything but the board.
 """
 
 PIXEL_PATH = """## The pixel path
@@ -79,7 +80,7 @@ def main() -> None:
     for device in (ECP5, ICE40):
         heads += [f"{device.name}: {device.units[0]}", *device.units[1:], "MHz"]
     lines = [HEAD, "| " + " | ".join(heads) + " |", "|---" + "|---:" * (len(heads) - 1) + "|"]
-    for name, make in (*((block.__name__, block) for block in PIXELS), *OTHERS):
+    for name, make in BLOCKS:
         lines.append(line(name, make))
         print(lines[-1], flush=True)
         PAGE.write_text("\n".join([*lines, "", PIXEL_PATH]))  # what is there so far: the whole takes half an hour

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.quantise import rgb565
+
 Floats = NDArray[np.float64]
 
 AMPLITUDE = 180.0
@@ -63,8 +65,7 @@ def make_rows(condition: Condition, count: int, seed: int) -> tuple[NDArray[np.u
     clean = BACKGROUND + light[..., None] * RESPONSE
     pixels = (clean + rng.normal(0, condition.noise, clean.shape)).round().clip(0, 255).astype(np.uint8)
     if condition.rgb565:
-        red, green, blue = pixels[..., 0] >> 3, pixels[..., 1] >> 2, pixels[..., 2] >> 3
-        pixels = np.stack((red << 3 | red >> 2, green << 2 | green >> 4, blue << 3 | blue >> 2), axis=-1)
+        pixels = rgb565(pixels)
     return pixels, place
 
 
