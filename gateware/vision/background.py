@@ -15,8 +15,12 @@ from .weight import Weight
 DEFAULT_CELLS = 160 * 120
 """Ten block RAMs of an ECP5; VGA in blocks of 4 x 4."""
 
+BANK_CELLS = 2048
+"""A block RAM of an ECP5. Each has a register of its own before one of them is picked: a bare read is slow."""
+
+_BANK_BITS = (BANK_CELLS - 1).bit_length()
 _ADDRESS_CLOCKS = 3
-_READ_CLOCKS = 2
+_READ_CLOCKS = 3
 _END_CLOCKS = 8
 """Clocks from an image's end to where all is known of its last pixel."""
 
@@ -86,9 +90,6 @@ class Background(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.memory = store = memory.Memory(shape=8, depth=self.cells, init=[])
-        read, write = store.read_port(), store.write_port()
-
         # Where blocks begin. The mask has a bit for each halving; it is the size of the blocks less one.
         mask = Signal(MAX_SHIFT)
         valid = delayed(m, self.valid, 1, "valid")
@@ -117,9 +118,19 @@ class Background(wiring.Component):
                     m.d.sync += full.eq(1)
                 with m.If(row_begins):
                     m.d.sync += base.eq(following)
+        banks = [self._bank(m, number) for number in range(-(-self.cells // BANK_CELLS))]
+        read_words = []
+        for number, (read, _) in enumerate(banks):
+            word = Signal(8, name=f"word{number}", reset_less=True)
+            m.d.comb += [read.addr.eq(address), read.en.eq(1)]
+            m.d.sync += word.eq(read.data)
+            read_words.append(word)
+        picked = delayed(m, address >> _BANK_BITS, _READ_CLOCKS - 1, "picked")
         stored = Signal(8, reset_less=True)
-        m.d.comb += [read.addr.eq(address), read.en.eq(1)]
-        m.d.sync += stored.eq(read.data)
+        with m.Switch(picked):
+            for number, word in enumerate(read_words):
+                with m.Case(number):
+                    m.d.sync += stored.eq(word)
 
         # The greatest so far, written with each pixel.
         taking = Signal()
@@ -129,10 +140,16 @@ class Background(wiring.Component):
         greatest, before = Signal(8, reset_less=True), Signal(8)
         m.d.comb += [
             before.eq(Mux(starts, Mux(fresh, 0, stored), greatest)),
-            write.addr.eq(delayed(m, address, clocks, "address")),
-            write.data.eq(greatest),
         ]
-        m.d.sync += write.en.eq(writes & taking & ~full)
+        place = delayed(m, address, clocks, "address")
+        keeps = Signal()
+        m.d.sync += keeps.eq(writes & taking & ~full)
+        for number, (_, write) in enumerate(banks):
+            m.d.comb += [
+                write.addr.eq(place),
+                write.data.eq(greatest),
+                write.en.eq(keeps & (place >> _BANK_BITS == number)),
+            ]
         with m.If(writes):
             m.d.sync += greatest.eq(Mux(self.mix > before, self.mix, before))
 
@@ -161,3 +178,8 @@ class Background(wiring.Component):
             m.d.sync += ready.eq(0)
         m.d.comb += self.value.eq(Mux(self.subtracting, stored, 0))
         return m
+
+    def _bank(self, m: Module, number: int) -> tuple[memory.ReadPort, memory.WritePort]:
+        depth = min(BANK_CELLS, self.cells - number * BANK_CELLS)
+        m.submodules[f"bank{number}"] = store = memory.Memory(shape=8, depth=depth, init=[])
+        return store.read_port(), store.write_port()
