@@ -82,10 +82,13 @@ class RowStore(wiring.Component):
         lost = Signal()
         result = self.rows.row.payload
         wanted = self.rows.row.valid & (waiting != 0) & queue[0]
+        with m.If(wanted):
+            m.d.sync += [
+                write.addr.eq(Cat(result.row[: (self.max_rows - 1).bit_length()], filling)),
+                write.data.eq(result.record),
+            ]
         m.d.sync += [
             write.en.eq(wanted & (result.row < self.max_rows)),
-            write.addr.eq(Cat(result.row[: (self.max_rows - 1).bit_length()], filling)),
-            write.data.eq(result.record),
             self.filled.eq(finished & queue[0]),
             self.filled_bank.eq(filling),
         ]
