@@ -26,62 +26,65 @@ def past(m: Module, value, init: int = 0):
 class CobsIsRight(wiring.Component):
     """The encoder's bytes have a zero at the end of each packet and nowhere else, and decode to what went in.
 
-    Packets of any bytes and lengths, any pauses on both sides; the first ``room`` bytes of all are followed. Blocks
-    are short, so that their limit is met.
+    Packets of any bytes and lengths, any pauses on both sides. One byte is followed, any one: that it comes out as it
+    went in, at its place, with a delimiter behind it if it is a packet's last, and none otherwise. Blocks are short, so
+    that their limit is met.
 
     ``ready`` : the other end takes a byte
+    ``pick`` : number of the byte that is followed
     """
 
     i: In(Packets)
     ready: In(1)
+    pick: In(4)
 
-    def __init__(self, block: int, room: int) -> None:
+    def __init__(self, block: int) -> None:
         self.block = block
-        self.room = room
         super().__init__()
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.dut = dut = CobsEncoder(self.block)
+        connect(m, flipped(self.i), dut.i)
+        first, picked = Signal(init=1), Signal(4)
+        m.d.sync += [first.eq(0), picked.eq(self.pick)]
+        m.d.comb += Assume(first | (self.pick == picked))
 
-        # What went in, in order.
-        kept = [Signal(9, name=f"kept{n}") for n in range(self.room)]
-        count = Signal(range(self.room + 1))
-        enters = Signal()
-        m.d.comb += [
-            dut.i.payload.eq(self.i.payload),
-            dut.i.valid.eq(self.i.valid & (count != self.room)),
-            enters.eq(dut.i.valid & dut.i.ready),
-        ]
-        for number, entry in enumerate(kept):
-            with m.If(enters & (count == number)):
-                m.d.sync += entry.eq(self.i.payload.as_value())
-        m.d.sync += count.eq(count + enters)
+        entered, kept = Signal(5), Signal(9)
+        with m.If(dut.i.valid & dut.i.ready):
+            m.d.sync += entered.eq(entered + 1)
+            with m.If(entered == self.pick):
+                m.d.sync += kept.eq(self.i.payload.as_value())
 
         # What comes out, decoded by the definition: a code byte, code - 1 bytes, a zero if more follows.
         leaves, byte = Signal(), dut.o.payload
         m.d.comb += [dut.o.ready.eq(self.ready), leaves.eq(dut.o.valid & dut.o.ready)]
         greeted = Signal()  # the zero after reset is out
         inside, rest, full = Signal(), Signal(8), Signal()  # a packet; bytes of the block to come; no zero follows it
-        out = Signal(range(self.room + 1))
-        wanted, last = Signal(9), Signal()
-        m.d.comb += wanted.eq(Cat(*kept).word_select(out, 9))
+        left, followed = Signal(5), Signal()  # bytes decoded; the last of them is the one that is followed
+        decoded = Signal()
+        m.d.comb += decoded.eq(leaves & inside & ((rest != 0) | ((byte != 0) & ~full)))
         with m.If(leaves):
-            with m.If(~greeted):
-                m.d.comb += Assert(byte == 0)
-                m.d.sync += greeted.eq(1)
-            with m.Elif(rest != 0):
-                m.d.comb += [Assert(byte != 0), Assert((wanted[:8] == byte) & (out != count) & ~last)]
-                m.d.sync += [rest.eq(rest - 1), out.eq(out + 1), last.eq(wanted[8])]
-            with m.Elif(byte == 0):  # the end, and that of the packet
-                m.d.comb += Assert(inside & last)
-                m.d.sync += [inside.eq(0), last.eq(0)]
-            with m.Else():  # a code byte: where it follows another one's block a zero has been left out
-                m.d.comb += Assert((byte <= self.block + 1) & (~last | ~inside))
+            m.d.sync += [greeted.eq(1), followed.eq(0)]
+            m.d.comb += Assert((byte == 0) == (~greeted | (inside & (rest == 0) & (byte == 0))))
+            with m.If(rest != 0):
+                m.d.sync += rest.eq(rest - 1)
+            with m.Elif(byte != 0):
+                m.d.comb += Assert(byte <= self.block + 1)
                 m.d.sync += [inside.eq(1), rest.eq(byte - 1), full.eq(byte == self.block + 1)]
-                with m.If(inside & ~full):
-                    m.d.comb += Assert((wanted[:8] == 0) & (out != count))
-                    m.d.sync += [out.eq(out + 1), last.eq(wanted[8])]
+            with m.Else():
+                m.d.sync += inside.eq(0)
+            # After the byte: a delimiter if it was the last; if not, none, though a code byte may come.
+            with m.If(followed & kept[8]):
+                m.d.comb += Assert((byte == 0) & (rest == 0))
+            with m.If(followed & ~kept[8]):
+                m.d.comb += Assert(byte != 0)
+        with m.If(decoded):
+            m.d.sync += left.eq(left + 1)
+            m.d.comb += Assert(left < entered)
+            with m.If(left == self.pick):
+                m.d.sync += followed.eq(1)
+                m.d.comb += Assert(kept[:8] == Mux(rest != 0, byte, 0))
 
         # A byte that waits to be taken neither goes nor changes.
         waited, before = past(m, dut.o.valid & ~dut.o.ready), past(m, byte)
@@ -94,8 +97,6 @@ class PacketsAreWhole(wiring.Component):
 
     Payloads of any lengths come and pause as they like, and wait as streams have to.
     """
-
-    ready: In(1)
 
     def __init__(self) -> None:
         self.types = (PacketType.ANSWER, PacketType.FRAME, PacketType.SNAPSHOT)
@@ -227,7 +228,7 @@ class FramesAreWhole(wiring.Component):
 
 
 def test_cobs_output_has_no_zero_inside_and_decodes_to_its_input():
-    prove(CobsIsRight(3, 7), "bmc", 22, timeout_s=600)
+    prove(CobsIsRight(3), "bmc", 20, timeout_s=600)
 
 
 def test_packets_are_never_interleaved():

@@ -184,9 +184,9 @@ class Session:
             known = {name: value for name, value in expected.items() if value is not None}
             assert answer.items() >= known.items(), f"answer {number} is {answer}, not {expected}"
         assert len(got) == len(wanted), f"{len(got)} answers, not {len(wanted)}"
-        for name, expected in (("damaged_commands", min(model.damaged, 0xFFFF)), ("commands", model.intact & 0xFFFF)):
-            assert card.read(name) == expected, f"{name} is not {expected}"
-            model.intact += 1
+        model.intact += 2  # the two that follow
+        assert card.read("damaged_commands") == min(model.damaged, 0xFFFF)
+        assert card.read("commands") == model.intact & 0xFFFF
         assert card.deframer.damaged == 0
 
     def image(self) -> None:
