@@ -18,8 +18,8 @@ OVERDUE_CLOCKS = TICK << _OVERDUE_BIT
 class Gap(wiring.Component):
     """Says whether a piece fits between this frame and the next, so that the next comes no later for it.
 
-    The gap from the end of a frame to the beginning of the next is measured, and taken to be the same again: cameras
-    have a rhythm. How long a piece takes is told by the last byte that went out behind another. A line that is full
+    The gaps from the end of a frame to the beginning of the next are measured, and the shorter one of the last two is
+    expected again: cameras have a rhythm, and where an image was dropped only one gap is long. How long a piece takes is told by the last byte that went out behind another. A line that is full
     has no gap, and no piece goes; one on which no frame has come for twice the gap, and for 2**20 clocks, is free.
 
     Members
@@ -51,13 +51,13 @@ class Gap(wiring.Component):
 
         # Ticks since the last frame was out, and how many there were between the two before.
         tick = Signal(range(TICK))
-        elapsed, gap = Signal(_TICKS_BITS), Signal(_TICKS_BITS)
+        elapsed, gap, before = Signal(_TICKS_BITS), Signal(_TICKS_BITS), Signal(_TICKS_BITS)
         within = Signal()  # a frame
         m.d.sync += tick.eq(tick + 1)
         with m.If(self.frame_last):
             m.d.sync += [within.eq(0), elapsed.eq(0)]
         with m.Elif(self.frame & ~within):
-            m.d.sync += [within.eq(1), gap.eq(elapsed)]
+            m.d.sync += [within.eq(1), gap.eq(elapsed), before.eq(gap)]
         with m.Elif((tick == 0) & ~elapsed.all()):
             m.d.sync += elapsed.eq(elapsed + 1)
 
@@ -66,6 +66,6 @@ class Gap(wiring.Component):
         m.d.sync += [
             end.eq(elapsed + (byte_clocks * (PIECE_BYTES // TICK)) + 2),
             overdue.eq((elapsed[1:] > gap) & elapsed[_OVERDUE_BIT:].any()),
-            self.open.eq(~self.frame & ~within & ((end <= gap) | overdue)),
+            self.open.eq(~self.frame & ~within & (((end <= gap) & (end <= before)) | overdue)),
         ]
         return m

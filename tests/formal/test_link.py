@@ -27,10 +27,9 @@ def past(m: Module, value, init: int = 0):
 class CobsIsRight(wiring.Component):
     """The encoder's bytes have a zero at the end of each packet and nowhere else, and decode to what went in.
 
-    Packets of any lengths, with or without pauses on both sides; zeros and three other bytes, since the encoder asks of a byte only
-    whether it is zero. One byte is followed, any one: that it comes out as it
-    went in, at its place, with a delimiter behind it if it is a packet's last, and none otherwise. Blocks are short, so
-    that their limit is met.
+    Packets of any lengths, with or without pauses on both sides; zeros and three other bytes, since the encoder asks of
+    a byte only whether it is zero. One byte is followed, any one: that it comes out as it went in, at its place, with a
+    delimiter behind it if it is a packet's last, and none otherwise. Blocks are short, so that their limit is met.
 
     ``ready`` : the other end takes a byte
     ``pick`` : number of the byte that is followed

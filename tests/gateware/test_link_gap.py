@@ -42,7 +42,7 @@ def opened(periods):
 def test_a_piece_begins_only_if_it_ends_before_the_next_frame():
     piece = BYTE_CLOCKS * PIECE_BYTES
     gap = 4000
-    for clocks in opened([FRAME_CLOCKS + gap] * 4)[1:]:
+    for clocks in opened([FRAME_CLOCKS + gap] * 4)[2:]:
         assert gap - piece - 4 * TICK < max(clocks) <= gap - piece
         assert min(clocks) < 2 * TICK
 
@@ -58,3 +58,9 @@ def test_when_frames_stay_away_the_line_is_free(monkeypatch):
         late = [clock for clock in last if clock > gap]
         assert free - TICK < min(late) < free + 3 * TICK
         assert max(late) == 8999
+
+
+def test_after_one_long_gap_no_other_is_expected():
+    full, long_ = FRAME_CLOCKS + 1000, FRAME_CLOCKS + 9000
+    assert opened([full, full, long_, full, full, full])[1:2] == [[]]
+    assert opened([full, full, long_, full, full, full])[3:] == [[]] * 3
