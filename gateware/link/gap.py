@@ -19,8 +19,9 @@ class Gap(wiring.Component):
     """Says whether a piece fits between this frame and the next, so that the next comes no later for it.
 
     The gaps from the end of a frame to the beginning of the next are measured, and the shorter one of the last two is
-    expected again: cameras have a rhythm, and where an image was dropped only one gap is long. How long a piece takes is told by the last byte that went out behind another. A line that is full
-    has no gap, and no piece goes; one on which no frame has come for twice the gap, and for 2**20 clocks, is free.
+    expected again: cameras have a rhythm, and where an image was dropped only one gap is long. How long a piece takes
+    is told by the last byte that went out behind another. A line that is full has no gap, and no piece goes; one on
+    which no frame has come for twice the gap, and for 2**20 clocks, is free.
 
     Members
     -------
