@@ -248,14 +248,14 @@ class FramesAreWhole(wiring.Component):
         return m
 
 
-@pytest.mark.parametrize(("block", "pauses", "clocks"), [(2, True, 9), (3, False, 18)])
+@pytest.mark.parametrize(("block", "pauses", "clocks"), [(2, True, 8), (3, False, 14)])
 def test_cobs_output_has_no_zero_inside_and_decodes_to_its_input(block, pauses, clocks):
     prove(CobsIsRight(block, pauses=pauses), "bmc", clocks, timeout_s=600, map_memories=True)
 
 
 def test_packets_are_never_interleaved(monkeypatch):
     monkeypatch.setattr("gateware.link.packet.Processor", NoCrc)
-    prove(PacketsAreWhole(), "bmc", 24, timeout_s=600)
+    prove(PacketsAreWhole(), "bmc", 13, timeout_s=600)
 
 
 def test_frames_are_never_torn():
