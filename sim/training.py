@@ -18,7 +18,7 @@ CLOCK_HZ = 20_000_000
 
 def run(path: Path) -> None:
     """Two images, one after the other, with the host's commands between them."""
-    core = SimulatedCore(CLOCK_HZ, 1.2e6, load(path))
+    core = SimulatedCore(CLOCK_HZ, 1.2e6, compiled=load(path))
     values = {"run": 1, "floor": 40, "detector": int(protocol.Detector.CENTROID), "commit": 1}
     commands = [
         protocol.Packet(
