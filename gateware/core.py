@@ -9,6 +9,7 @@ from .frame.alternation import Alternation
 from .frame.assembler import FrameAssembler
 from .frame.buffer import FrameBuffer
 from .frame.facts import MotionFacts
+from .frame.snapshot import Snapshot
 from .layouts import Bytes, Video
 from .link.link import Link
 from .motion.motion import Motion
@@ -33,7 +34,10 @@ class Core(wiring.Component):
     pwm, direction, brake : motor driver
     laser, lamp : laser enable and its warning lamp; low at reset
     clock_hz : frequency of the ``sync`` domain, constant
+    serial : serial number of the card, constant; 0: it has none
+    link_baud : rate of its UART, constant; 0: another kind of link
     rx, tx : bytes from and to the host
+    line_errors : bytes from the host that the physical link lost, saturating
     run : the host wants images; a source that can be held waits for it
     """
 
@@ -58,8 +62,11 @@ class Core(wiring.Component):
                 "laser": Out(1),
                 "lamp": Out(1),
                 "clock_hz": In(32),
+                "serial": In(64),
+                "link_baud": In(32),
                 "rx": In(Bytes),
                 "tx": Out(Bytes),
+                "line_errors": In(16),
                 "run": Out(1),
             }
         )
@@ -72,6 +79,7 @@ class Core(wiring.Component):
         m.submodules.motion = motion = Motion()
         m.submodules.buffer = buffer = FrameBuffer(self.max_rows)
         m.submodules.assembler = assembler = FrameAssembler(self.max_rows)
+        m.submodules.snapshot = snapshot = Snapshot()
         m.submodules.registers = registers = RegisterFile(self.max_columns, self.max_rows)
         m.submodules.link = link = Link()
 
@@ -82,6 +90,16 @@ class Core(wiring.Component):
         connect(m, buffer.reader, assembler.i)
         connect(m, assembler.o, link.frame)
         connect(m, link.tx, flipped(self.tx))
+
+        # Pictures for people.
+        connect(m, vision.raw, snapshot.raw)
+        connect(m, vision.measured, snapshot.measured)
+        connect(m, snapshot.o, link.snapshot)
+        m.d.comb += [
+            snapshot.settings.eq(registers.now),
+            snapshot.frame.eq(buffer.number),
+            snapshot.generation.eq(registers.generation),
+        ]
 
         # Commands to settings, and their answers.
         connect(m, flipped(self.rx), link.rx)
@@ -131,6 +149,9 @@ class Core(wiring.Component):
             buffer.vision.errors.eq(vision.errors),
             buffer.vision.columns.eq(vision.image_columns),
             buffer.damaged_commands.eq(link.damaged),
+            buffer.line_errors.eq(self.line_errors),
+            buffer.moving.eq(link.tx.valid & link.tx.ready),
+            buffer.image.field.eq(admission.field),
             buffer.image.generation.eq(registers.generation),
             buffer.image.form.eq(registers.now.form),
             buffer.image.laser_on.eq(motion.laser_on_whole_frame),
@@ -146,6 +167,12 @@ class Core(wiring.Component):
         status = registers.status
         m.d.comb += [
             status.clock_hz.eq(self.clock_hz),
+            status.serial_low.eq(self.serial[:32]),
+            status.serial_high.eq(self.serial[32:]),
+            status.link_baud.eq(self.link_baud),
+            status.line_errors.eq(self.line_errors),
+            status.commands.eq(link.count),
+            status.snapshot_busy.eq(snapshot.busy),
             status.frames.eq(buffer.frames),
             status.dropped.eq(buffer.dropped),
             status.damaged_commands.eq(link.damaged),

@@ -51,11 +51,15 @@ class Outputs:
 @cache
 def library() -> ctypes.CDLL:
     """The compiled card; the first call on a machine compiles it, which takes a while."""
-    loaded = ctypes.CDLL(
-        str(verilator.compile_library(verilator.card_verilog(), Path(__file__).with_name("harness.cpp")))
-    )
+    harness = Path(__file__).with_name("harness.cpp")
+    return load(verilator.compile_library(verilator.card_verilog(), harness, "sim.training"))
+
+
+def load(path: Path) -> ctypes.CDLL:
+    """A compiled card from its file."""
+    loaded = ctypes.CDLL(str(path))
     pointer, u64, size = ctypes.c_void_p, ctypes.c_uint64, ctypes.c_size_t
-    loaded.card_new.argtypes = [ctypes.c_uint32, ctypes.c_double]
+    loaded.card_new.argtypes = [ctypes.c_uint32, ctypes.c_double, ctypes.c_uint64]
     loaded.card_new.restype = pointer
     loaded.card_delete.argtypes = [pointer]
     loaded.card_pins.argtypes = [pointer, pointer, size]
@@ -77,13 +81,17 @@ class SimulatedCore:
     ----------
     clock_hz : frequency that the card is told it runs at
     bytes_per_second : speed of the link in each direction; at most a byte a clock
+    serial : the card's serial number
+    compiled : the card, if not the usual one
     """
 
-    def __init__(self, clock_hz: int, bytes_per_second: float) -> None:
+    def __init__(
+        self, clock_hz: int, bytes_per_second: float, serial: int = 0, compiled: ctypes.CDLL | None = None
+    ) -> None:
         self.clock_hz = clock_hz
         self.clock = 0
-        self._library = library()
-        self._card = self._library.card_new(clock_hz, min(bytes_per_second / clock_hz, 1.0))
+        self._library = compiled or library()
+        self._card = self._library.card_new(clock_hz, min(bytes_per_second / clock_hz, 1.0), serial)
         self._buffer = ctypes.create_string_buffer(1 << 16)
 
     def close(self) -> None:

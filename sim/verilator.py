@@ -11,6 +11,7 @@ import importlib.metadata
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -91,13 +92,17 @@ def card_verilog() -> str:
     return (place / "top.v").read_text()
 
 
-def compile_library(verilog: str, harness: Path) -> Path:
+def compile_library(verilog: str, harness: Path, training: str) -> Path:
     """Compile the module ``top`` of a Verilog text and a C++ harness into a shared library.
+
+    It is compiled twice: after the first time a short run tells the compiler which of the card's conditions are rare,
+    which makes it about a seventh faster.
 
     Parameters
     ----------
     verilog : text with a module ``top``
     harness : C++ file that includes ``Vtop.h`` and ``verilated.h``
+    training : Python module that does the short run, called with the library's path
 
     Returns
     -------
@@ -110,7 +115,7 @@ def compile_library(verilog: str, harness: Path) -> Path:
     """
     runtime = _runtime()
     include = root() / "include"
-    with _cached("card", verilog, harness.read_bytes(), " ".join(CXX)) as (place, folder):
+    with _cached("card", verilog, harness.read_bytes(), training, " ".join(CXX)) as (place, folder):
         if folder is not None:
             (folder / "top.v").write_text(verilog)
             options = ["-O3", "--x-assign", "fast", "--x-initial", "fast", "--no-assert", "--no-timing", "-Wno-fatal"]
@@ -119,5 +124,18 @@ def compile_library(verilog: str, harness: Path) -> Path:
             unity = "".join(f'#include "{path.name}"\n' for path in sorted(folder.glob("Vtop*.cpp")))
             (folder / "unity.cpp").write_text(f'{unity}#include "{harness}"\n')
             objects = sorted(runtime.glob("*.o"))
-            _run([*CXX, "-shared", f"-I{include}", "-I.", "unity.cpp", *objects, "-o", "card.so", "-pthread"], folder)
+            compiler: list[str | Path] = [
+                *CXX,
+                "-shared",
+                f"-I{include}",
+                "-I.",
+                "unity.cpp",
+                *objects,
+                "-o",
+                "card.so",
+                "-pthread",
+            ]
+            _run([*compiler, "-fprofile-generate", "-fprofile-update=single"], folder)
+            _run([sys.executable, "-m", training, folder / "card.so"], folder)
+            _run([*compiler, "-fprofile-use"], folder)
     return place / "card.so"

@@ -7,12 +7,12 @@ from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import FRAME_FLAGS, MAX_EDGES, Phase
 
-from ..layouts import Edge, FrameHeader, struct
+from ..layouts import Edge, Field, FrameHeader, struct
 from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, WORDS, ImageFacts, MotionFacts, RowFacts
 
 
 class HeaderStore(wiring.Component):
-    """Puts the headers of frames together, in two banks in turn, as 32-bit words.
+    """Puts the headers of frames together, each in one of two banks, as 32-bit words.
 
     A header's parts come at three moments: ``take``, later ``taken``, and ``filled`` before or after
     it. Edges are copied from ``taken`` on, the header from the later of the two moments on.
@@ -22,10 +22,10 @@ class HeaderStore(wiring.Component):
 
     Members
     -------
-    take : strobe: an accepted image ends
+    take, into : strobe: an accepted image ends; its bank, which is not that of a header still to be completed
     image, number : sampled then
     taken : strobe for each ``take``, in order: its motion is known
-    motion, dropped, damaged_commands : sampled then
+    motion, dropped, damaged_commands, line_errors : sampled then
     edge_index, edge : entry of the edge log as of ``taken``; ``edge`` follows the index by a clock
     filled : of each bank: its rows are complete; high until the frame was sent
     rows : of each bank: what is known of its rows
@@ -39,12 +39,14 @@ class HeaderStore(wiring.Component):
     copy_clocks = EDGE_WORDS * MAX_EDGES + HEADER_WORDS + 6
 
     take: In(1)
+    into: In(1)
     image: In(ImageFacts)
     number: In(32)
     taken: In(1)
     motion: In(MotionFacts)
     dropped: In(32)
     damaged_commands: In(16)
+    line_errors: In(16)
     edge_index: Out(range(MAX_EDGES))
     edge: In(Edge)
     filled: In(2)
@@ -68,21 +70,33 @@ class HeaderStore(wiring.Component):
 
         images = [Signal(ImageFacts, name=f"image{bank}") for bank in range(2)]
         numbers = [Signal(32, name=f"number{bank}") for bank in range(2)]
-        taking = Signal()
-        with m.If(self.take):
-            m.d.sync += taking.eq(~taking)
         for bank in range(2):
-            with m.If(self.take & (taking == bank)):
+            with m.If(self.take & (self.into == bank)):
                 m.d.sync += [images[bank].eq(self.image), numbers[bank].eq(self.number)]
             m.d.comb += [self.form[bank].eq(images[bank].form), self.rowless[bank].eq(_rowless(images[bank].phase))]
 
         motion = Signal(MotionFacts)
         dropped = Signal(32)
-        damaged = Signal(16)
+        damaged, lost = Signal(16), Signal(16)
         with m.If(self.taken):
-            m.d.sync += [motion.eq(self.motion), dropped.eq(self.dropped), damaged.eq(self.damaged_commands)]
+            m.d.sync += [
+                motion.eq(self.motion),
+                dropped.eq(self.dropped),
+                damaged.eq(self.damaged_commands),
+                lost.eq(self.line_errors),
+            ]
+
+        # Banks whose motion is to come, the oldest lowest.
+        queue, waiting = Signal(2), Signal(range(3))
+        rest, left = Signal(2), Signal(range(3))
+        m.d.comb += [rest.eq(Mux(self.taken, queue >> 1, queue)), left.eq(waiting - self.taken)]
+        m.d.sync += [queue.eq(rest), waiting.eq(left + self.take)]
+        with m.If(self.take):
+            m.d.sync += queue.bit_select(left[0], 1).eq(self.into)
 
         copying = Signal()  # bank
+        with m.If(self.taken):
+            m.d.sync += copying.eq(queue[0])
         image = Signal(ImageFacts)
         number = Signal(32)
         rows = Signal(RowFacts)
@@ -107,6 +121,10 @@ class HeaderStore(wiring.Component):
             header.dropped.eq(dropped),
             header.damaged_commands.eq(damaged),
             header.encoder_errors.eq(motion.encoder_errors),
+            header.field.eq(image.field),
+            header.row_step.eq(Mux(image.field == Field.PROGRESSIVE, 1, 2)),
+            header.first_row.eq(image.field == Field.ODD),
+            header.line_errors.eq(lost),
         ]
         for name in ("generation", "form", "detector", "phase", "exposure_us", "time_offset_ns"):
             m.d.comb += header[name].eq(image[name])
@@ -155,7 +173,7 @@ class HeaderStore(wiring.Component):
                     m.next = "Complete"
 
             with m.State("Complete"):
-                m.d.sync += [self.complete.eq(1), self.complete_bank.eq(copying), copying.eq(~copying)]
+                m.d.sync += [self.complete.eq(1), self.complete_bank.eq(copying)]
                 for bank in range(2):
                     with m.If(copying == bank):
                         m.d.sync += self.edges[bank].eq(motion.edges)

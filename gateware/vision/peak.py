@@ -10,7 +10,7 @@ from magtrak.reference import measure
 from magtrak.reference.fir import BEND, FRACTION
 
 from ..arithmetic import SerialDivider
-from ..layouts import FrameSettings, Row, RowResult
+from ..layouts import FrameSettings, RowResult
 from .choose import Rival
 from .runs import Crossing, Run, assign
 from .spread import Gated
@@ -132,26 +132,28 @@ class Peak(wiring.Component):
             position.dividend.eq(numerator << FRACTION_BITS),
             position.divisor.eq(divisor),
         ]
-        crossed_base, crossed_share = _straighten(m, "own", run.crossing, run.crossed, position.quotient)
         base, share = Signal(13), Signal(signed(position.quotient_bits + 2))
-        fine = Signal(21)
-        m.d.sync += [base.eq(0), share.eq(1)]
-        with m.If(binary):
-            m.d.sync += share.eq(position.quotient + 1)
-        with m.Elif(by_run):
-            m.d.sync += [base.eq(run.last << 1), share.eq(1 - position.quotient)]
-        with m.Elif(by_window):  # where nothing rose above its base
-            m.d.sync += base.eq(run.crossing.halves)
-        with m.Elif(maximum):
-            m.d.sync += base.eq(run.peak_first + run.peak_last)
-        with m.Else():
-            m.d.sync += [base.eq(crossed_base), share.eq(crossed_share)]
-        m.d.sync += fine.eq((base << (FRACTION_BITS - 1)) + share)
+        fine, rival_fine = Signal(21), Signal(21)
+        # Nothing below moves but while a row is at work, which spares a simulation the rest of the time.
+        with m.If(busy):
+            crossed_base, crossed_share = _straighten(m, "own", run.crossing, run.crossed, position.quotient)
+            m.d.sync += [base.eq(0), share.eq(1)]
+            with m.If(binary):
+                m.d.sync += share.eq(position.quotient + 1)
+            with m.Elif(by_run):
+                m.d.sync += [base.eq(run.last << 1), share.eq(1 - position.quotient)]
+            with m.Elif(by_window):  # where nothing rose above its base
+                m.d.sync += base.eq(run.crossing.halves)
+            with m.Elif(maximum):
+                m.d.sync += base.eq(run.peak_first + run.peak_last)
+            with m.Else():
+                m.d.sync += [base.eq(crossed_base), share.eq(crossed_share)]
+            m.d.sync += fine.eq((base << (FRACTION_BITS - 1)) + share)
 
         # The runner-up: chosen, compared, placed.
         rival = Rival().create(path=("rival",))
         rivals, as_strong = Signal(), Signal()
-        ratio, rival_fine = Signal(8), Signal(21)
+        ratio = Signal(8)
         with m.If(steps[0]):
             m.d.sync += rivals.eq(own | other_found)
             with m.If(own):
@@ -176,34 +178,36 @@ class Peak(wiring.Component):
             rival_divider.dividend.eq(Mux(steps[1], rival.strength << 8, rival.crossing.rise << FRACTION_BITS)),
             rival_divider.divisor.eq(Mux(steps[1], run.strength, rival.crossing.contrast)),
         ]
-        rival_base, rival_share = _straighten(m, "rival", rival.crossing, rival.crossed, rival_divider.quotient)
-        m.d.sync += rival_fine.eq((rival_base << (FRACTION_BITS - 1)) + rival_share)
+        with m.If(busy):
+            rival_base, rival_share = _straighten(m, "rival", rival.crossing, rival.crossed, rival_divider.quotient)
+            m.d.sync += rival_fine.eq((rival_base << (FRACTION_BITS - 1)) + rival_share)
 
         # Flags, while the dividers work.
-        first, last = Signal(12), Signal(12)  # whose first and last column count
         touches = Signal(4)
         over, uncrossed = Signal(2), Signal()
         span, enough = Signal(12), Signal()
         stray, doubtful, competed, valid = Signal(), Signal(), Signal(), Signal()
-        m.d.comb += [first.eq(Mux(binary, gated.first, run.first)), last.eq(Mux(binary, gated.last, run.last))]
-        m.d.sync += [
-            touches.eq(
-                Cat(
-                    first == 0,
-                    first == self.settings.column_first,
-                    last == gated.last_column,
-                    last == self.settings.column_last,
-                )
-            ),
-            over.eq(Cat(run.near_first, run.seen > gated.last_column)),
-            uncrossed.eq(~binary & ~run.crossed),
-            span.eq(gated.last - gated.first + 1),
-            enough.eq((gated.total >= self.settings.run_gated) & gated.total.any()),
-            stray.eq(found & (gated.total > (run.gated << 1))),
-            doubtful.eq(Mux(binary, span > self.settings.run_width_max, run.crossed & ~run.coloured)),
-            competed.eq(found & rivals & (ratio >= self.settings.ambiguous_ratio)),
-            valid.eq(Mux(binary, enough, found)),
-        ]
+        # Whose first and last column count.
+        first, last = Mux(binary, gated.first, run.first), Mux(binary, gated.last, run.last)
+        with m.If(busy):
+            m.d.sync += [
+                touches.eq(
+                    Cat(
+                        first == 0,
+                        first == self.settings.column_first,
+                        last == gated.last_column,
+                        last == self.settings.column_last,
+                    )
+                ),
+                over.eq(Cat(run.near_first, run.seen > gated.last_column)),
+                uncrossed.eq(~binary & ~run.crossed),
+                span.eq(gated.last - gated.first + 1),
+                enough.eq((gated.total >= self.settings.run_gated) & gated.total.any()),
+                stray.eq(found & (gated.total > (run.gated << 1))),
+                doubtful.eq(Mux(binary, span > self.settings.run_width_max, run.crossed & ~run.coloured)),
+                competed.eq(found & rivals & (ratio >= self.settings.ambiguous_ratio)),
+                valid.eq(Mux(binary, enough, found)),
+            ]
         in_window, no_window, clipped_window = Signal(), Signal(), Signal()
         m.d.comb += [
             in_window.eq(by_window & self.window_some),
@@ -212,30 +216,29 @@ class Peak(wiring.Component):
         ]
 
         # Write.
-        record = Signal(Row)
-        with m.If(valid):
-            m.d.comb += [
-                record.valid.eq(1),
-                record.position.eq(Mux(in_window, self.window_position, fine >> 1)),
-                record.cut.eq(touches.any() | (run.crossed & ~binary & over.any()) | uncrossed | clipped_window),
-                record.ambiguous.eq(stray | doubtful | competed | no_window),
-                record.width.eq(Mux(found, run.width, span)),
-                record.gated.eq(Mux(found, run.gated, gated.total)),
-            ]
-            with m.If(found):
-                m.d.comb += [
-                    record.saturated.eq(run.clipped.any()),
-                    record.sum.eq(run.sum),
-                    record.peak.eq(run.peak),
-                    record.clipped.eq(run.clipped),
-                    record.second_valid.eq(rivals),
-                ]
-            with m.If(found & rivals):
-                m.d.comb += [record.second_position.eq(rival_fine >> 1), record.runner_up.eq(ratio)]
-        m.d.comb += record.overflow.eq(gated.fault)
+        record = self.o.p.record
         m.d.sync += self.o.valid.eq(steps[-1])
         with m.If(steps[-1]):
-            m.d.sync += [self.o.p.row.eq(gated.row), self.o.p.record.eq(record)]
+            m.d.sync += [self.o.p.row.eq(gated.row), record.eq(0), record.overflow.eq(gated.fault)]
+            with m.If(valid):
+                m.d.sync += [
+                    record.valid.eq(1),
+                    record.position.eq(Mux(in_window, self.window_position, fine >> 1)),
+                    record.cut.eq(touches.any() | (run.crossed & ~binary & over.any()) | uncrossed | clipped_window),
+                    record.ambiguous.eq(stray | doubtful | competed | no_window),
+                    record.width.eq(Mux(found, run.width, span)),
+                    record.gated.eq(Mux(found, run.gated, gated.total)),
+                ]
+                with m.If(found):
+                    m.d.sync += [
+                        record.saturated.eq(run.clipped.any()),
+                        record.sum.eq(run.sum),
+                        record.peak.eq(run.peak),
+                        record.clipped.eq(run.clipped),
+                        record.second_valid.eq(rivals),
+                    ]
+                with m.If(found & rivals):
+                    m.d.sync += [record.second_position.eq(rival_fine >> 1), record.runner_up.eq(ratio)]
         return m
 
 

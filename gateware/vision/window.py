@@ -122,6 +122,10 @@ class Window(wiring.Component):
         # Steps after `start`: one-hot, 1 in the clock after.
         step = Signal(self.latency + 1)
         m.d.sync += step.eq(Cat(self.start, step))
+        result = step[self.READ + self.SUM - 1 + WORDS]
+        active, working = Signal(), Signal()  # from `start` on until the sums are whole
+        m.d.comb += working.eq(self.start | active)
+        m.d.sync += active.eq(working & ~result)
         before, behind = Signal(), Signal()  # an end lies outside the image
         first_word, last_word = Signal(word_bits + 1), Signal(word_bits + 1)
         low, high = Signal(3), Signal(3)  # lanes of the first and the last column
@@ -148,13 +152,14 @@ class Window(wiring.Component):
         brighter = Signal(reset_less=True)
         shown = [Mux(out, 0, mean) for out, mean in zip((before, behind), end_means, strict=True)]
         base = Signal(9)
-        m.d.sync += [
-            *(held.eq(mean + added) for held, mean in zip(bases, shown, strict=True)),
-            brighter.eq(shown[1] > shown[0]),
-        ]
         base_held = Signal(9, reset_less=True)
         m.d.comb += base.eq(Mux(step[1], Mux(brighter, bases[1], bases[0]), base_held))
-        m.d.sync += base_held.eq(base)
+        with m.If(active):
+            m.d.sync += [
+                *(held.eq(mean + added) for held, mean in zip(bases, shown, strict=True)),
+                brighter.eq(shown[1] > shown[0]),
+                base_held.eq(base),
+            ]
 
         # Read from the last word to the first. `index` is the word's distance from the first.
         read = words.read_port()
@@ -162,10 +167,11 @@ class Window(wiring.Component):
         place = Signal(word_bits + 1)
         m.d.comb += [
             place.eq(Mux(self.start, (clipped_first >> 3) + (WORDS - 1), address)),
-            read.en.eq(1),
+            read.en.eq(working),
             read.addr.eq(Cat(place[:word_bits], Mux(self.start, bank, bank_held))),
         ]
-        m.d.sync += address.eq(place - 1)
+        with m.If(working):
+            m.d.sync += address.eq(place - 1)
         with m.If(self.start):
             m.d.sync += index.eq(WORDS - 1)
         with m.Elif(index != 0):
@@ -175,24 +181,23 @@ class Window(wiring.Component):
         lanes_low, lanes_high = Signal(LANES), Signal(LANES)
         number = Signal(word_bits + 2)
         m.d.comb += [number.eq(first_word + index), lanes_low.eq(0xFF << low), lanes_high.eq(C(0xFF, LANES) >> ~high)]
-        m.d.sync += [
-            word.eq(read.data),
-            mask.eq(
-                Mux(number > last_word, 0, 0xFF)
-                & Mux(index == 0, lanes_low, 0xFF)
-                & Mux(number == last_word, lanes_high, 0xFF)
-            ),
-        ]
+        with m.If(active):
+            m.d.sync += [
+                word.eq(read.data),
+                mask.eq(
+                    Mux(number > last_word, 0, 0xFF)
+                    & Mux(index == 0, lanes_low, 0xFF)
+                    & Mux(number == last_word, lanes_high, 0xFF)
+                ),
+            ]
 
         # What rises above the base; sums and moments of a word.
-        above = []
-        for lane in range(LANES):
-            value = Signal(8, name=f"above{lane}", reset_less=True)
-            difference = Signal(signed(10), name=f"difference{lane}")
-            m.d.comb += difference.eq(word.word_select(lane, 8) - base)
-            m.d.sync += value.eq(Mux(mask[lane] & ~difference[-1], difference, 0))
-            above.append(value)
-        total, moment = _word_sums(m, above)
+        above = [Signal(8, name=f"above{lane}", reset_less=True) for lane in range(LANES)]
+        with m.If(active):
+            for lane, value in enumerate(above):
+                mix = word.word_select(lane, 8)
+                m.d.sync += value.eq(Mux(mask[lane] & (mix > base), mix - base, 0))
+            total, moment = _word_sums(m, above)
 
         # Step READ + SUM is the first in which the sums of a word are here.
         adding = Signal()
@@ -205,7 +210,6 @@ class Window(wiring.Component):
             m.d.sync += [total_sum.eq(total), moments.eq(moment), steps.eq(0)]
         with m.Elif(adding):
             m.d.sync += [total_sum.eq(total_sum + total), moments.eq(moments + moment), steps.eq(steps + total_sum)]
-        result = step[self.READ + self.SUM - 1 + WORDS]
         m.d.comb += [
             divider.start.eq(result),
             divider.dividend.eq((moments + (steps << 3)) << FRACTION_BITS),

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from amaranth.back.rtlil import convert
-from amaranth.hdl import ClockDomain, Elaboratable, Fragment, Module, Signal
+from amaranth.hdl import ClockDomain, Elaboratable, Fragment, Module, Signal, Value
 from amaranth.hdl._ast import SignalSet
 from amaranth.lib import wiring
 
@@ -61,7 +61,9 @@ def past(m: Module, value, clocks: int = 1, init: int = 0):
     return value
 
 
-def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int = 120) -> None:
+def prove(
+    component: wiring.Component, mode: str, depth: int, *, timeout_s: int = 120, map_memories: bool = False
+) -> None:
     """Prove every assertion of a component, from its reset state on.
 
     What was proved once is not proved again: results are kept in ``build/formal`` under a hash of the RTLIL and of
@@ -74,6 +76,7 @@ def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int 
         ``"cover"`` for reaching every ``Cover``
     depth : see above
     timeout_s : gives up after so long
+    map_memories : make registers of memories, which is faster where they are small
 
     Raises
     ------
@@ -83,7 +86,7 @@ def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int 
     m = Module()
     m.domains.sync = sync = ClockDomain(reset_less=True)
     m.submodules.property = component
-    inputs = [value for _, _, value in component.signature.flatten(component)]
+    inputs = [Value.cast(value) for _, _, value in component.signature.flatten(component)]
     rtlil = convert(m, name="top", ports=[sync.clk, *inputs])
     script = "\n".join(
         [
@@ -96,6 +99,7 @@ def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int 
             "[script]",
             "read_rtlil top.il",
             "prep -top top",
+            *(["memory_map", "opt -full"] if map_memories else []),
             "[files]",
             "top.il",
             "",

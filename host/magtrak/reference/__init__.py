@@ -11,6 +11,7 @@ from .hls import hls
 from .isolate import isolate
 from .rows import ROW_DTYPE, measure
 from .runs import Runs, find_runs
+from .snapshot import Piece, snapshot
 from .weight import mix, saturated, weight
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "Alternation",
     "Background",
     "BackgroundStore",
+    "Piece",
     "Runs",
     "find_runs",
     "gate",
@@ -27,6 +29,7 @@ __all__ = [
     "measure",
     "mix",
     "saturated",
+    "snapshot",
     "subtract",
     "weight",
     "words_from_luts",
