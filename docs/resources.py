@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """Writes ``docs/resources.md``: what each block takes of an FPGA. ``python -m docs.resources``; it takes a while."""
 
 from collections.abc import Callable
@@ -59,7 +60,7 @@ PIXEL_PATH = """## The pixel path
 
 No multiplier is inferred, and whatever is read from a block RAM goes to a register before anything is made of it: both
 are slow on an ECP5. `tests/gateware/test_synthesis.py` proves it of the netlist of `Vision`. Between RAM and register
-Yosys puts one LUT, which returns the old word where a write meets the read; here none ever does.
+Yosys puts one LUT: it returns the old word where a write meets the read.
 """
 
 
