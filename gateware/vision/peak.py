@@ -141,7 +141,7 @@ class Peak(wiring.Component):
             with m.If(binary):
                 m.d.sync += share.eq(position.quotient + 1)
             with m.Elif(by_run):
-                m.d.sync += [base.eq(run.last << 1), share.eq(1 - position.quotient)]
+                m.d.sync += [base.eq(run.last << 1), share.eq(-position.quotient)]
             with m.Elif(by_window):  # where nothing rose above its base
                 m.d.sync += base.eq(run.crossing.halves)
             with m.Elif(maximum):

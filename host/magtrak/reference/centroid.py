@@ -61,6 +61,6 @@ def window(
 
 
 def of_runs(runs: Runs) -> Ints:
-    """Centroid of the weights of each run, in 1/256 px."""
+    """Centroid of the weights of each run, in 1/256 px, rounded half down: what is subtracted is rounded down already."""
     fine: Ints = FRACTION * runs.last - FRACTION * runs.moment // np.maximum(runs.sum, 1)
-    return (fine + 1) >> 1
+    return fine >> 1
