@@ -122,7 +122,7 @@ class _Progress:
         counts = self._scan.counts
         text = (
             f"{now - self._start:6.1f} s  {counts.frames} frames  {counts.points} points"
-            f"  {counts.lost_frames} lost  {self._card.link.damaged_packets} damaged"
+            f"  {counts.lost_frames} lost  {self._card.link.statistics.damaged} damaged"
         )
         print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
 
@@ -180,7 +180,7 @@ def _write(scan: Scan, output: Path, picture: Path | None, calibration: Path, se
 
 def _summary(scan: Scan, card: Card) -> str:
     counts, link = scan.counts, card.link
-    damaged = link.damaged_packets + card.damaged_frames
+    damaged = link.statistics.damaged + card.damaged_frames
     parts = [
         f"{counts.frames} frames",
         f"{counts.points} points",
