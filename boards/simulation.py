@@ -19,6 +19,9 @@ _WIRES = {
     "index": In(1),
     "interlock": In(1),
     "clock_hz": In(32),
+    "serial": In(64),
+    "link_baud": In(32),
+    "line_errors": In(16),
     "pwm": Out(1),
     "direction": Out(1),
     "brake": Out(1),
@@ -44,9 +47,11 @@ class SimulationTop(wiring.Component):
     video_valid, video_r, video_g, video_b, video_row_first, video_row_last, video_frame_first :
         a pixel, taken in every clock in which it is valid
     video_frame_end : strobe after the last pixel of an image
+    video_field : which rows it has
     rx_valid, rx_data, rx_ready, tx_valid, tx_data, tx_ready : bytes; one moves in each clock
         in which valid and ready are both high
-    encoder_a, encoder_b, index, interlock, clock_hz, pwm, direction, brake, laser, lamp, run :
+    encoder_a, encoder_b, index, interlock, clock_hz, serial, link_baud, line_errors, pwm, direction, brake, laser,
+    lamp, run :
         as in :class:`~gateware.core.Core`
     """
 
@@ -63,6 +68,7 @@ class SimulationTop(wiring.Component):
                 "video_row_last": In(1),
                 "video_frame_first": In(1),
                 "video_frame_end": In(1),
+                "video_field": In(2),
                 "rx_valid": In(1),
                 "rx_data": In(8),
                 "rx_ready": Out(1),
@@ -82,6 +88,7 @@ class SimulationTop(wiring.Component):
         m.d.comb += [
             pixel.valid.eq(self.video_valid),
             core.video.frame_end.eq(self.video_frame_end),
+            core.video.field.eq(self.video_field),
             core.rx.valid.eq(self.rx_valid),
             core.rx.payload.eq(self.rx_data),
             self.rx_ready.eq(core.rx.ready),

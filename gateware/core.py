@@ -30,7 +30,10 @@ class Core(wiring.Component):
     pwm, direction, brake : motor driver
     laser, lamp : laser enable and its warning lamp; low at reset
     clock_hz : frequency of the ``sync`` domain, constant
+    serial : serial number of the card, constant; 0: it has none
+    link_baud : rate of its UART, constant; 0: another kind of link
     rx, tx : bytes from and to the host
+    line_errors : bytes from the host that the physical link lost, saturating
     run : the host wants images; a source that can be held waits for it
     """
 
@@ -54,8 +57,11 @@ class Core(wiring.Component):
                 "laser": Out(1),
                 "lamp": Out(1),
                 "clock_hz": In(32),
+                "serial": In(64),
+                "link_baud": In(32),
                 "rx": In(Bytes),
                 "tx": Out(Bytes),
+                "line_errors": In(16),
                 "run": Out(1),
             }
         )
@@ -114,6 +120,8 @@ class Core(wiring.Component):
             buffer.vision.errors.eq(vision.errors),
             buffer.vision.columns.eq(vision.image_columns),
             buffer.damaged_commands.eq(link.damaged),
+            buffer.line_errors.eq(self.line_errors),
+            buffer.image.field.eq(admission.field),
             buffer.image.generation.eq(registers.generation),
             buffer.image.form.eq(registers.now.form),
             buffer.image.laser_on.eq(motion.laser_on_whole_frame),
@@ -129,6 +137,11 @@ class Core(wiring.Component):
         status = registers.status
         m.d.comb += [
             status.clock_hz.eq(self.clock_hz),
+            status.serial_low.eq(self.serial[:32]),
+            status.serial_high.eq(self.serial[32:]),
+            status.link_baud.eq(self.link_baud),
+            status.line_errors.eq(self.line_errors),
+            status.commands.eq(link.count),
             status.frames.eq(buffer.frames),
             status.dropped.eq(buffer.dropped),
             status.damaged_commands.eq(link.damaged),

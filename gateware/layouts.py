@@ -1,11 +1,11 @@
 """Amaranth shapes of what :mod:`magtrak.protocol` defines, and the streams inside the card."""
 
 from amaranth.hdl import Shape
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, enum, stream, wiring
 from amaranth.lib.wiring import Out
 
 from magtrak import protocol
-from magtrak.protocol import Access, Layout, Scope
+from magtrak.protocol import Access, FieldParity, Layout, Scope
 
 
 def struct(layout: Layout) -> data.StructLayout:
@@ -31,6 +31,14 @@ FrameHeader = struct(protocol.FRAME)
 Edge = struct(protocol.EDGE)
 CameraErrors = struct(protocol.CAMERA_ERRORS)
 EncoderErrors = struct(protocol.ENCODER_ERRORS)
+
+
+class Field(enum.Enum, shape=2):
+    """As :class:`magtrak.protocol.FieldParity`; a camera that is not interlaced sends ``PROGRESSIVE``."""
+
+    PROGRESSIVE = FieldParity.PROGRESSIVE
+    EVEN = FieldParity.EVEN
+    ODD = FieldParity.ODD
 
 
 class Pixel(data.Struct):
@@ -60,10 +68,12 @@ class Video(wiring.Signature):
     -------
     pixel : stream of :class:`Pixel`, always ready
     frame_end : the image is complete
+    field : which rows of the picture it has, valid with its first pixel
     """
 
     def __init__(self) -> None:
-        super().__init__({"pixel": Out(stream.Signature(Pixel, always_ready=True)), "frame_end": Out(1)})
+        members = {"pixel": Out(stream.Signature(Pixel, always_ready=True)), "frame_end": Out(1), "field": Out(Field)}
+        super().__init__(members)
 
 
 class LutWrite(wiring.Signature):
@@ -113,6 +123,7 @@ __all__ = [
     "CameraErrors",
     "Edge",
     "EncoderErrors",
+    "Field",
     "FrameHeader",
     "FrameSettings",
     "LutWrite",

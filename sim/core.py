@@ -55,7 +55,7 @@ def library() -> ctypes.CDLL:
         str(verilator.compile_library(verilator.card_verilog(), Path(__file__).with_name("harness.cpp")))
     )
     pointer, u64, size = ctypes.c_void_p, ctypes.c_uint64, ctypes.c_size_t
-    loaded.card_new.argtypes = [ctypes.c_uint32, ctypes.c_double]
+    loaded.card_new.argtypes = [ctypes.c_uint32, ctypes.c_double, ctypes.c_uint64]
     loaded.card_new.restype = pointer
     loaded.card_delete.argtypes = [pointer]
     loaded.card_pins.argtypes = [pointer, pointer, size]
@@ -77,13 +77,14 @@ class SimulatedCore:
     ----------
     clock_hz : frequency that the card is told it runs at
     bytes_per_second : speed of the link in each direction; at most a byte a clock
+    serial : the card's serial number
     """
 
-    def __init__(self, clock_hz: int, bytes_per_second: float) -> None:
+    def __init__(self, clock_hz: int, bytes_per_second: float, serial: int = 0) -> None:
         self.clock_hz = clock_hz
         self.clock = 0
         self._library = library()
-        self._card = self._library.card_new(clock_hz, min(bytes_per_second / clock_hz, 1.0))
+        self._card = self._library.card_new(clock_hz, min(bytes_per_second / clock_hz, 1.0), serial)
         self._buffer = ctypes.create_string_buffer(1 << 16)
 
     def close(self) -> None:

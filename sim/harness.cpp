@@ -46,8 +46,9 @@ class Card {
         delete context_;
     }
 
-    void start(uint32_t clock_hz, double bytes_per_clock) {
+    void start(uint32_t clock_hz, double bytes_per_clock, uint64_t serial) {
         top_->clock_hz = clock_hz;
+        top_->serial = serial;
         in_clock_.rate(bytes_per_clock);
         out_clock_.rate(bytes_per_clock);
     }
@@ -150,9 +151,9 @@ struct Outputs {
     uint8_t laser, lamp, run;
 };
 
-Card* card_new(uint32_t clock_hz, double bytes_per_clock) {
+Card* card_new(uint32_t clock_hz, double bytes_per_clock, uint64_t serial) {
     Card* card = new Card;
-    card->start(clock_hz, bytes_per_clock);
+    card->start(clock_hz, bytes_per_clock, serial);
     return card;
 }
 

@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ..layouts import Video
+from ..layouts import Field, Video
 
 SHORTEST_CLOCKS = 112
 """Clocks from the first pixel of an image to ``frame_end`` at least: one row and a blank row of the contract."""
@@ -28,6 +28,7 @@ class Admission(wiring.Component):
     video : images let in
     frame_first, row_first : strobes, in the clock in which ``video`` has the first pixel of an image, of a row
     frame_end : strobe
+    field : of the image let in, from ``frame_first`` to ``frame_end``
     refused : strobe: an image began too early, and is left out
     """
 
@@ -37,6 +38,7 @@ class Admission(wiring.Component):
     frame_first: Out(1)
     row_first: Out(1)
     frame_end: Out(1)
+    field: Out(Field)
     refused: Out(1)
 
     def elaborate(self, platform):
@@ -62,6 +64,7 @@ class Admission(wiring.Component):
         m.d.sync += [
             self.video.pixel.valid.eq(pixel.valid & passes),
             self.video.pixel.payload.eq(pixel.payload),
+            self.video.field.eq(self.i.field),
             # An image that is cut off by one that does not come in must be closed for it.
             self.video.frame_end.eq((self.i.frame_end & passes) | (begins & passing & ~let_in & ~over)),
             self.frame_first.eq(let_in),
@@ -77,5 +80,5 @@ class Admission(wiring.Component):
         with m.If((self.i.frame_end & passing) | begins):
             m.d.sync += over.eq(1)
         with m.If(let_in):
-            m.d.sync += [open_.eq(1), over.eq(self.i.frame_end), left.eq(SHORTEST_CLOCKS)]
+            m.d.sync += [self.field.eq(self.i.field), open_.eq(1), over.eq(self.i.frame_end), left.eq(SHORTEST_CLOCKS)]
         return m

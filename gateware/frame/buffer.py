@@ -37,7 +37,7 @@ class FrameBuffer(wiring.Component):
     taken : strobe for each ``take``, in order and at least 112 clocks apart: its motion is known
     motion : sampled at ``taken``
     edge_index, edge : entry of the edge log as of ``taken``; ``edge`` follows the index by a clock
-    damaged_commands : for the header
+    damaged_commands, line_errors : for the header
     frames, dropped : images seen, and those of them that were dropped
     reader : the oldest complete frame
     """
@@ -60,6 +60,7 @@ class FrameBuffer(wiring.Component):
                 "edge_index": Out(range(MAX_EDGES)),
                 "edge": In(Edge),
                 "damaged_commands": In(16),
+                "line_errors": In(16),
                 "frames": Out(32),
                 "dropped": Out(32),
                 "reader": Out(FrameReader(max_rows)),
@@ -94,6 +95,7 @@ class FrameBuffer(wiring.Component):
             header.motion.eq(self.motion),
             header.dropped.eq(self.dropped),
             header.damaged_commands.eq(self.damaged_commands),
+            header.line_errors.eq(self.line_errors),
             self.edge_index.eq(header.edge_index),
             header.edge.eq(self.edge),
             header.filled.eq(filled),

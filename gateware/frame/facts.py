@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import EDGE, FRAME, MAX_EDGES
 
-from ..layouts import CameraErrors, EncoderErrors, Row
+from ..layouts import CameraErrors, EncoderErrors, Field, Row
 from ..motion.angle import AngleStamp
 
 HEADER_WORDS = FRAME.size // 4
@@ -28,6 +28,7 @@ class ImageFacts(data.Struct):
     laser_on: 1
     speed_in_band: 1
     motor_stopped: 1
+    field: Field
 
 
 class MotionFacts(data.Struct):

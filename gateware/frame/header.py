@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import FRAME_FLAGS, MAX_EDGES
 
-from ..layouts import Edge, FrameHeader, struct
+from ..layouts import Edge, Field, FrameHeader, struct
 from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, WORDS, ImageFacts, MotionFacts, RowFacts
 
 
@@ -25,7 +25,7 @@ class HeaderStore(wiring.Component):
     take : strobe: an accepted image ends
     image, number : sampled then
     taken : strobe for each ``take``, in order: its motion is known
-    motion, dropped, damaged_commands : sampled then
+    motion, dropped, damaged_commands, line_errors : sampled then
     edge_index, edge : entry of the edge log as of ``taken``; ``edge`` follows the index by a clock
     filled : of each bank: its rows are complete; high until the frame was sent
     rows : of each bank: what is known of its rows
@@ -44,6 +44,7 @@ class HeaderStore(wiring.Component):
     motion: In(MotionFacts)
     dropped: In(32)
     damaged_commands: In(16)
+    line_errors: In(16)
     edge_index: Out(range(MAX_EDGES))
     edge: In(Edge)
     filled: In(2)
@@ -76,9 +77,14 @@ class HeaderStore(wiring.Component):
 
         motion = Signal(MotionFacts)
         dropped = Signal(32)
-        damaged = Signal(16)
+        damaged, lost = Signal(16), Signal(16)
         with m.If(self.taken):
-            m.d.sync += [motion.eq(self.motion), dropped.eq(self.dropped), damaged.eq(self.damaged_commands)]
+            m.d.sync += [
+                motion.eq(self.motion),
+                dropped.eq(self.dropped),
+                damaged.eq(self.damaged_commands),
+                lost.eq(self.line_errors),
+            ]
 
         copying = Signal()  # bank
         image = Signal(ImageFacts)
@@ -105,6 +111,10 @@ class HeaderStore(wiring.Component):
             header.dropped.eq(dropped),
             header.damaged_commands.eq(damaged),
             header.encoder_errors.eq(motion.encoder_errors),
+            header.field.eq(image.field),
+            header.row_step.eq(Mux(image.field == Field.PROGRESSIVE, 1, 2)),
+            header.first_row.eq(image.field == Field.ODD),
+            header.line_errors.eq(lost),
         ]
         for name in ("generation", "form", "detector", "exposure_us", "time_offset_ns"):
             m.d.comb += header[name].eq(image[name])

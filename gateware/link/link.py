@@ -27,7 +27,7 @@ class Link(wiring.Component):
     command : intact commands
     answer : their answers
     frame : payloads of frames
-    intact, damaged : as in :class:`~gateware.link.packet.PacketReceiver`
+    intact, damaged, count : as in :class:`~gateware.link.packet.PacketReceiver`
     """
 
     rx: In(Bytes)
@@ -37,6 +37,7 @@ class Link(wiring.Component):
     frame: In(Packets)
     intact: Out(1)
     damaged: Out(16)
+    count: Out(16)
 
     def elaborate(self, platform):
         m = Module()
@@ -58,6 +59,7 @@ class Link(wiring.Component):
             receiver.error.eq(decoder.error),
             self.intact.eq(receiver.intact),
             self.damaged.eq(receiver.damaged),
+            self.count.eq(receiver.count),
             answers.w_data.eq(self.answer.payload),
             answers.w_en.eq(self.answer.valid),
             self.answer.ready.eq(answers.w_rdy),

@@ -159,6 +159,7 @@ class PacketReceiver(wiring.Component):
     command : intact commands
     intact : strobe for each one that is not refused
     damaged : packets that were damaged, or that the decoder reported; stays at 65535
+    count : intact commands, refused ones too, modulo 65536
     """
 
     i: In(Packets)
@@ -166,6 +167,7 @@ class PacketReceiver(wiring.Component):
     command: Out(stream.Signature(Command))
     intact: Out(1)
     damaged: Out(16)
+    count: Out(16)
 
     def elaborate(self, platform):
         m = Module()
@@ -214,6 +216,7 @@ class PacketReceiver(wiring.Component):
             with m.State("Check"):
                 with m.If(crc.match_detected & (size >= protocol.cobs.OVERHEAD) & (packet.type >= 0x80)):
                     m.d.comb += self.intact.eq(known & right)
+                    m.d.sync += self.count.eq(self.count + 1)
                     m.next = "Command"
                 with m.Else():
                     m.d.comb += damaged.eq(1)

@@ -221,8 +221,8 @@ def test_sizes_that_are_not_possible_are_refused(columns, rows):
 
 def test_the_simulation_has_flat_ports():
     ports = verilog(SimulationTop(32, 2)).split("module top(")[1].split(")")[0].replace("\n", "").replace(" ", "")
-    video = ("valid", "r", "g", "b", "row_first", "row_last", "frame_first", "frame_end")
+    video = ("valid", "r", "g", "b", "row_first", "row_last", "frame_first", "frame_end", "field")
     wires = ("encoder_a", "encoder_b", "index", "interlock", "pwm", "direction", "brake", "laser", "lamp", "run")
-    pins = [*wires, "clock_hz", "clk"]
+    pins = [*wires, "clock_hz", "serial", "link_baud", "line_errors", "clk"]
     stream = [f"{end}_{name}" for end in ("rx", "tx") for name in ("valid", "data", "ready")]
     assert sorted(ports.split(",")) == sorted([*(f"video_{name}" for name in video), *pins, *stream])

@@ -2,6 +2,7 @@
 
 import random
 from collections import defaultdict
+from enum import EnumMeta
 
 import pytest
 from amaranth.hdl import Module, Shape
@@ -12,7 +13,7 @@ from gateware.frame.assembler import FrameAssembler
 from gateware.frame.buffer import FrameBuffer
 from gateware.frame.facts import ImageFacts, MotionFacts, VisionFacts
 from gateware.layouts import Packets
-from magtrak.protocol import COMPACT_ROW, EDGE, FRAME, FRAME_FLAGS, FULL_ROW, RowForm
+from magtrak.protocol import COMPACT_ROW, EDGE, FRAME, FRAME_FLAGS, FULL_ROW, FieldParity, RowForm
 from tests.support.simulation import simulate
 
 MAX_ROWS = 16
@@ -54,6 +55,8 @@ def any_facts(rng, shape):
     for name, field in data.Layout.cast(shape):
         if name == "edges":
             values[name] = rng.choice([0, 1, 15, 16, rng.randrange(17)])
+        elif isinstance(field.shape, EnumMeta):
+            values[name] = rng.choice(list(field.shape))
         elif isinstance(field.shape, (int, range, Shape)):
             shape = Shape.cast(field.shape)
             values[name] = rng.randrange(1 << shape.width) - (shape.signed << shape.width - 1)
@@ -77,11 +80,12 @@ class Image:
         self.vision["errors"] |= {"rows": int(rows > MAX_ROWS), "_reserved": 0}
         self.edges = [any_record(rng, EDGE) for _ in range(16)]
 
-    def payload(self, number, dropped, damaged):
+    def payload(self, number, dropped, damaged=7, lost=9):
         """The definition of what is sent of it."""
         sent = self.rows[:MAX_ROWS]
         errors = sum(bit << n for n, bit in enumerate(self.vision["errors"].values()))
         encoder = self.motion["encoder_errors"]
+        field = self.image["field"].value
         flags = FRAME_FLAGS.pack(
             {
                 "index_seen": self.motion["index_seen"],
@@ -95,6 +99,7 @@ class Image:
         )
         header = {
             **{name: value for name, value in self.image.items() if name not in FLAGS},
+            "field": field,
             **{name: self.motion[name] for name in ("edges", "edge_shift", "index_passes", "index_count")},
             **{f"first_{name}": value for name, value in self.motion["first"].items()},
             **{f"last_{name}": value for name, value in self.motion["last"].items()},
@@ -102,7 +107,9 @@ class Image:
             "flags": int.from_bytes(flags, "little"),
             "camera_errors": errors,
             "rows": len(sent),
-            "first_row": 0,
+            "first_row": int(field == FieldParity.ODD),
+            "row_step": 1 if field == FieldParity.PROGRESSIVE else 2,
+            "line_errors": lost,
             "columns": self.vision["columns"],
             "dropped": dropped,
             "encoder_errors": encoder["illegal"] | encoder["turns"] << 16,
@@ -116,7 +123,7 @@ class Image:
         return FRAME.pack(header) + edges + rows
 
 
-def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, damaged=7, delays=(20, 6)):
+def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, damaged=7, lost=9, delays=(20, 6)):
     """Send ``images`` through.
 
     Gives the payloads that came out, what they had to be according to the images that were accepted, and the
@@ -142,6 +149,7 @@ def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, d
 
     async def drive(ctx):
         ctx.set(dut.damaged_commands, damaged)
+        ctx.set(dut.line_errors, lost)
         log, index, current, quiet = None, 0, bytearray(), 0
         clock = 0
         while clock < at or quiet < after:
@@ -156,7 +164,7 @@ def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, d
                     image, number = value
                     ctx.set(dut.motion, image.motion)
                     log = image.edges
-                    expected.append(image.payload(number, ctx.get(dut.dropped), damaged))
+                    expected.append(image.payload(number, ctx.get(dut.dropped), damaged, lost))
                 else:
                     ctx.set(target, value)
             if ctx.get(dut.take):

@@ -98,6 +98,7 @@ class Recorder:
                 "columns": self.columns,
                 "index_count": self.index_count,
                 "index_passes": 1,
+                "row_step": 1,
             }
             for name, time in (("first", rows[0]), ("last", rows[-1])):
                 last = int(np.searchsorted(times, time, side="right")) - 1

@@ -22,7 +22,8 @@ virtual card. Everything is little-endian. A packet is
 
 encoded with COBS and followed by a zero byte. A receiver drops what is not intact and counts it.
 
-The card answers every intact command, in order; a damaged one is counted (`damaged_commands`) and gets no answer. The
+The card answers every intact command, in order; a damaged one is counted (`damaged_commands`) and gets no answer.
+After a reset the card sends a lone zero byte first, so that a packet which the reset cut off costs only itself. The
 first registers tell what the card is: the host reads `magic`, `version` and `map_hash` (this version: `0x{hash:08X}`)
 and refuses a card that it does not understand.
 """
@@ -68,8 +69,19 @@ def render() -> str:
         " when it went down.\n",
         _layout(packets.EDGE),
     ]
+    parts += ["### Field parity\n", _enum(packets.FieldParity)]
     parts += ["### Compact row\n", _layout(packets.COMPACT_ROW)]
     parts += ["### Full row\n", _layout(packets.FULL_ROW)]
+    parts += [
+        "## `SNAPSHOT`\n",
+        "A piece of a picture: the header below, then `pixels` pixels of one row, `step` columns apart. The region is"
+        f" sent in strips of {packets.SNAPSHOT_PIXELS} pixels from left to right, each strip from its first row to its"
+        " last. Pieces go between frames; what the card cannot take from one image it takes from a later one. One"
+        " without pixels ends the snapshot.\n",
+        _layout(packets.SNAPSHOT),
+    ]
+    parts += ["### Snapshot flags\n", _layout(packets.SNAPSHOT_FLAGS)]
+    parts += ["### Snapshot sources\n", _enum(packets.SnapshotSource)]
     parts += ["### Detectors\n", _enum(registers.Detector)]
     parts += ["### Choices\n", _enum(registers.Choice)]
     for heading, causes in (

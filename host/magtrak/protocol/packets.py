@@ -10,12 +10,16 @@ POSITION_FRACTION_BITS = 8
 MAX_EDGES = 16
 """Encoder edges that one frame can carry."""
 
+SNAPSHOT_PIXELS = 112
+"""Pixels that one piece of a snapshot can have: it delays a frame by little, about 1.2 ms at 3 Mbaud."""
+
 
 class PacketType(enum.IntEnum):
     """First byte of a packet. Types below 0x80 go to the host, the others to the card."""
 
     FRAME = 0x01
     ANSWER = 0x02
+    SNAPSHOT = 0x03
     READ = 0x80
     WRITE = 0x81
 
@@ -25,6 +29,22 @@ class RowForm(enum.IntEnum):
 
     COMPACT = 0
     FULL = 1
+
+
+class FieldParity(enum.IntEnum):
+    """Which rows of the picture an image has."""
+
+    PROGRESSIVE = 0  # all
+    EVEN = 1  # 0, 2, 4 ... of an interlaced picture
+    ODD = 2  # 1, 3, 5 ...
+
+
+class SnapshotSource(enum.IntEnum):
+    """What a snapshot shows, and the bytes of a pixel."""
+
+    RAW = 0  # 3 bytes: R, G, B as the camera sent them
+    GATE = 1  # 1 byte: 255 where the colour passes the gate, in the region of interest; else 0
+    WEIGHT = 2  # 1 byte: the weight, in the region of interest; else 0
 
 
 class AnswerCode(enum.IntEnum):
@@ -123,6 +143,32 @@ FRAME = Layout(
         Field("last_count", 32, "encoder count then", "counts", signed=True),
         Field("last_age", 32, "time since the last edge then, saturating", "clocks"),
         Field("last_period", 32, "time between the last two edges then, saturating", "clocks"),
+        Field("row_step", 8, "from one row of the image to the next in the picture: 1, or 2 where it is interlaced"),
+        Field("field", 8, "a FieldParity: which rows these are"),
+        Field("line_errors", 16, "bytes from the host since reset that the physical link lost, saturating"),
+    ),
+)
+
+SNAPSHOT_FLAGS = Layout(
+    "snapshot flags",
+    (
+        Field("fault", 1, "the row broke the camera's contract and may be incomplete"),
+        Field("_reserved", 7),
+    ),
+)
+
+SNAPSHOT = Layout(
+    "snapshot",
+    (
+        Field("frame", 32, "number of the image that the pixels are from"),
+        Field("generation", 16, "generation of the settings in force in it"),
+        Field("number", 8, "number of the snapshot: what was written to the register"),
+        Field("source", 8, "a SnapshotSource"),
+        Field("row", 16, "row of the pixels in that image"),
+        Field("column", 16, "column of the first one"),
+        Field("step", 8, "from one pixel to the next, and from one row to the next"),
+        Field("flags", 8, "see snapshot flags"),
+        Field("pixels", 16, "pixels that follow, up to 112; none: the snapshot is complete"),
     ),
 )
 

@@ -18,6 +18,9 @@ import enum
 import zlib
 from dataclasses import dataclass
 
+from . import packets
+from .packets import SnapshotSource
+
 VERSION = 1
 """Version of the protocol. A host refuses a card of another version."""
 
@@ -181,6 +184,9 @@ REGISTERS: tuple[Register, ...] = (
     _card("clock_hz", 0x0003, 32, "frequency of the card's clock, in which all times count", "Hz"),
     _card("max_columns", 0x0004, 16, "columns that an image may have", "px"),
     _card("max_rows", 0x0005, 16, "rows of an image that the card stores", "px"),
+    _card("serial_low", 0x0006, 32, "serial number of the card, lower half; 0 in both halves: it has none"),
+    _card("serial_high", 0x0007, 32, "upper half"),
+    _card("link_baud", 0x0008, 32, "rate of the card's UART; 0: another kind of link", "baud"),
     # Acquisition.
     _now("run", 0x0010, 1, "1: images are measured and sent, from the next whole one on"),
     _now("form", 0x0011, 1, "a RowForm: 0 compact, 1 full rows", init=1),
@@ -198,6 +204,8 @@ REGISTERS: tuple[Register, ...] = (
     _card("dropped", 0x0016, 32, "images dropped because no buffer was free"),
     _card("damaged_commands", 0x0017, 16, "commands that were not intact, saturating"),
     _card("camera_errors", 0x0018, 8, "every camera error since reset: see camera errors"),
+    _card("line_errors", 0x0019, 16, "bytes from the host that the physical link lost, saturating"),
+    _card("commands", 0x001A, 16, "intact commands since reset, modulo 65536"),
     # Settings of the measurement.
     _frame("weight_r", 0x0100, 10, "weight of red", "1/256", signed=True, init=85),
     _frame("weight_g", 0x0101, 10, "weight of green", "1/256", signed=True, init=86),
@@ -356,6 +364,21 @@ REGISTERS: tuple[Register, ...] = (
     _now("sector_low", 0x0346, 32, "the sector: first count, from the zero", "counts", signed=True),
     _now("sector_high", 0x0347, 32, "the sector: last count, from the zero", "counts", signed=True),
     _card("safety", 0x0348, 32, "laser_state, laser_cause, motor_state and motor_cause, 8 bits each, in one reading"),
+    # Snapshot.
+    _now(
+        "snapshot",
+        0x0400,
+        8,
+        "a new number starts a snapshot as set below, and gives up one that is under way; 0: none; the same number"
+        " again does nothing",
+    ),
+    _now("snapshot_source", 0x0401, 2, "a SnapshotSource: 0 raw, 1 gate, 2 weight", high=max(SnapshotSource)),
+    _now("snapshot_step", 0x0402, 6, "every so many-th row and column", "px", init=1, low=1),
+    _now("snapshot_column_first", 0x0403, 12, "first column", "px"),
+    _now("snapshot_column_last", 0x0404, 12, "last column; the image's last where that is less", "px", init=4095),
+    _now("snapshot_row_first", 0x0405, 12, "first row", "px"),
+    _now("snapshot_row_last", 0x0406, 12, "last row; the image's last where that is less", "px", init=4095),
+    _card("snapshot_busy", 0x0407, 1, "1: pieces of it are still to be taken; it needs images, so run must be 1"),
 )
 
 
@@ -373,13 +396,19 @@ def register(name: str) -> Register:
 
 def map_hash() -> int:
     """CRC-32 of everything both sides must agree on, as the card reports it."""
-    from . import packets  # imported late: packets are the other half of what is hashed
-
     lines = [f"version {VERSION}"]
     lines += [
         f"{r.name} {r.address} {r.bits} {r.scope.value} {r.access.value} {r.signed} {r.range} {r.words}"
         for r in REGISTERS
     ]
-    for layout in (packets.COMMAND, packets.ANSWER, packets.FRAME, packets.EDGE, packets.COMPACT_ROW, packets.FULL_ROW):
+    for layout in (
+        packets.COMMAND,
+        packets.ANSWER,
+        packets.FRAME,
+        packets.EDGE,
+        packets.COMPACT_ROW,
+        packets.FULL_ROW,
+        packets.SNAPSHOT,
+    ):
         lines += [f"{layout.name} {offset} {field.name} {field.bits} {field.signed}" for offset, field in layout]
     return zlib.crc32("\n".join(lines).encode())
