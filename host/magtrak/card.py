@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from . import protocol
 from .clock import CardClock
-from .errors import CardError, LinkError
+from .errors import CardError, CardResetError, LinkError
 from .frames import DamagedFrameError, Frame, decode_frame
 from .link import Link
 from .protocol import AnswerCode, Packet, PacketType, Register, register
@@ -23,7 +23,11 @@ ATTEMPTS = 3
 SILENCE_S = 10.0
 """A card that neither sends nor answers for so long is taken for dead."""
 
+CHECK_S = 1.0
+"""How often the card is asked whether it still runs: after a reset it would answer, and never send a frame."""
+
 _SAFETY = register("safety").address
+_RUN = register("run").address
 
 _REFUSALS = {
     AnswerCode.UNKNOWN_TYPE: "does not know this kind of command",
@@ -43,6 +47,13 @@ class Identity:
     clock_hz: int
     max_columns: int
     max_rows: int
+    serial: int = 0
+    link_baud: int = 0
+
+    @property
+    def serial_text(self) -> str:
+        """The serial number as people write it; "-" for a card without."""
+        return f"{self.serial:X}" if self.serial else "-"
 
 
 @dataclass(frozen=True)
@@ -71,7 +82,7 @@ class Card:
     identity : what the card says of itself
     damaged_frames : frames intact on the wire whose content cannot be
     clock : the card's clock against the computer's, from the frames given out
-    delay_s : how much later than the quickest ones the frame given out last came
+    delays_s : how much later than the quickest ones the frames given out last came
     round_trips_s : how long the last answers took, while commands were waited for
 
     Raises
@@ -85,7 +96,7 @@ class Card:
         self.answer_timeout_s = answer_timeout_s
         self.damaged_frames = 0
         self.clock = CardClock()
-        self.delay_s = 0.0
+        self.delays_s: deque[float] = deque(maxlen=1000)
         self.round_trips_s: deque[float] = deque(maxlen=100)
         self._frames: deque[tuple[Packet, float]] = deque()
         self._lease_s = 1.0
@@ -93,7 +104,10 @@ class Card:
         self._last_packet = time.monotonic()
         self._card_time_s = self._heard_s = 0.0
         self._armed = False
-        self._fault: str | None = None
+        self._fault: CardError | None = None
+        self._before_fault = 0
+        self._running = False
+        self._checked_s = time.monotonic()
         self.identity = self._greet()
         link.begin()
 
@@ -153,6 +167,7 @@ class Card:
             self._armed = True
         mode = settings.motor.mode_word()
         self.write_all([("motor_duty", [settings.motor.duty_word()]), ("motor_mode", [mode]), ("run", [1])])
+        self._running = True
 
     def safety(self) -> Safety:
         """State of laser and motor, and what ended them last."""
@@ -160,7 +175,7 @@ class Card:
 
     def stop(self) -> None:
         """Laser disarmed, motor off, no more frames."""
-        self._armed = False
+        self._armed = self._running = False
         self.write_all([("laser_arm", [0]), ("motor_mode", [0]), ("run", [0])])
 
     def frames(self, poll_s: float = 0.1) -> Iterator[Frame | None]:
@@ -171,20 +186,22 @@ class Card:
         EndOfStreamError, LinkError
             The stream ended, after all frames that came.
         CardError
-            The card has fallen silent, or it has stopped laser or motor; in one sentence, why.
+            The card has fallen silent, or it has stopped laser or motor, or was reset; in one sentence, why. All frames
+            that came before were given out.
         """
         while True:
             self._keep_lease()
-            if not self._frames:
+            if not self._frames and self._fault is None:
                 self._receive(poll_s)
-            if self._fault is not None:
-                raise CardError(self._fault)
+            if self._fault is not None and self._before_fault == 0:
+                raise self._fault
             if not self._frames:
                 if time.monotonic() - self._last_packet > SILENCE_S:
                     raise CardError(f"the card at {self.link.port} fell silent: switch it off and on, then start again")
                 yield None
                 continue
             packet, arrival_s = self._frames.popleft()
+            self._before_fault = max(self._before_fault - 1, 0)
             try:
                 frame = decode_frame(packet.payload)
             except DamagedFrameError:
@@ -202,7 +219,7 @@ class Card:
             self.clock.reset()
         self._card_time_s = card_s
         self.clock.add(card_s, arrival_s)
-        self.delay_s = self.clock.delay_s(card_s, arrival_s) or 0.0
+        self.delays_s.append(self.clock.delay_s(card_s, arrival_s) or 0.0)
 
     def _keep_lease(self) -> None:
         """Any intact command renews the lease; the one that asks how laser and motor are. The answer is not waited
@@ -213,6 +230,9 @@ class Card:
             # Where the port died, that is told once all that was received has been given out.
             with contextlib.suppress(LinkError):
                 self._ask_safety()
+                if self._running and time.monotonic() - self._checked_s > CHECK_S:
+                    self._checked_s = time.monotonic()
+                    self._send(_Command(PacketType.READ, register("run"), _RUN, 0))
 
     def _ask_safety(self) -> None:
         self._send(_Command(PacketType.READ, register("safety"), _SAFETY, 0))
@@ -231,10 +251,18 @@ class Card:
             self._frames.append((packet, self.link.arrival_s))
         elif packet.type == PacketType.ANSWER and len(packet.payload) == protocol.ANSWER.size:
             answer = protocol.ANSWER.unpack(packet.payload)
-            fault = Safety.of(answer["value"]).fault(self._armed) if answer["address"] == _SAFETY else None
-            self._fault = fault or self._fault
+            self._look_for_fault(answer)
             return answer
         return None
+
+    def _look_for_fault(self, answer: dict[str, int]) -> None:
+        fault: CardError | None = None
+        if answer["address"] == _SAFETY and (text := Safety.of(answer["value"]).fault(self._armed)):
+            fault = CardError(text)
+        elif answer["address"] == _RUN and self._running and answer["code"] == AnswerCode.DONE and not answer["value"]:
+            fault = CardResetError("the card was reset during the scan: check its power, then start again")
+        if fault is not None and self._fault is None:
+            self._fault, self._before_fault = fault, len(self._frames)
 
     def _run(self, commands: Sequence[_Command]) -> list[Mapping[str, int]]:
         """Have commands carried out in order; their answers.
@@ -322,5 +350,6 @@ class Card:
                 f"the card at {port} has another register map (0x{map_hash:08X}, not 0x{protocol.map_hash():08X}):"
                 " use bitstream and magtrak of the same release"
             )
-        names = ("clock_hz", "max_columns", "max_rows")
-        return Identity(version, map_hash, *(self.read(name) for name in names))
+        names = ("clock_hz", "max_columns", "max_rows", "serial_low", "serial_high", "link_baud")
+        clock_hz, columns, rows, low, high, baud = self.read_all(names)
+        return Identity(version, map_hash, clock_hz, columns, rows, low | high << 32, baud)

@@ -45,10 +45,14 @@ class CardClock:
     """Estimates a :class:`Mapping` from arrivals. Each takes constant time on average.
 
     The host's clock is its monotonic one, tied to the calendar once: a step of the calendar does not tear a scan.
+
+    Parameters
+    ----------
+    epoch_s : time 0 of the arrivals, s since 1970; by default they are of the monotonic clock
     """
 
-    def __init__(self) -> None:
-        self._epoch_s = time.time() - time.monotonic()
+    def __init__(self, epoch_s: float | None = None) -> None:
+        self._epoch_s = time.time() - time.monotonic() if epoch_s is None else epoch_s
         self.reset()
 
     def reset(self) -> None:
@@ -58,7 +62,7 @@ class CardClock:
         self._count = 0
 
     def add(self, card_s: float, arrival_s: float) -> None:
-        """What happened at ``card_s`` was told by a packet that came at ``arrival_s`` (monotonic clock)."""
+        """What happened at ``card_s`` was told by a packet that came at ``arrival_s``."""
         point = (card_s, arrival_s - card_s)
         self._sum_s += card_s
         self._count += 1

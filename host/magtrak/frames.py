@@ -7,7 +7,7 @@ import numpy as np
 
 from . import protocol
 from .arrays import Booleans, Floats, Integers
-from .protocol import Layout, RowForm
+from .protocol import FieldParity, Layout, RowForm
 
 _ROWS = {RowForm.COMPACT: protocol.COMPACT_ROW, RowForm.FULL: protocol.FULL_ROW}
 
@@ -22,7 +22,7 @@ class Rows:
 
     Attributes
     ----------
-    row : row of the image
+    row : row of the picture: of an interlaced one, an image has every other
     column_px : column of the line, distorted picture; 0 where not valid
     valid, ambiguous, saturated, cut, overflow : flags as in the protocol
     peak : greatest weight of the run, 0 to 255 (in steps of 17 in the compact form)
@@ -127,21 +127,23 @@ def decode_frame(payload: bytes) -> Frame:
         raise DamagedFrameError(f"{len(payload)} bytes do not hold {edges} edges and {rows} rows")
     if header["last_time"] < header["first_time"]:
         raise DamagedFrameError("the last row came before the first")
+    if header["row_step"] != (1 if header["field"] == FieldParity.PROGRESSIVE else 2):
+        raise DamagedFrameError(f"rows {header['row_step']} apart are not those of field {header['field']}")
     flags = protocol.FRAME_FLAGS.unpack(header["flags"].to_bytes(protocol.FRAME_FLAGS.size, "little"))
     view = memoryview(payload)
     return Frame(
         header,
         flags,
         unpack_records(protocol.EDGE, view[size:rows_at], edges),
-        _decode_rows(layout, view[rows_at:], rows, header["first_row"]),
+        _decode_rows(layout, view[rows_at:], header["first_row"] + header["row_step"] * np.arange(rows)),
     )
 
 
-def _decode_rows(layout: Layout, data: memoryview, count: int, first_row: int) -> Rows:
-    raw = unpack_records(layout, data, count)
+def _decode_rows(layout: Layout, data: memoryview, row: Integers) -> Rows:
+    raw = unpack_records(layout, data, len(row))
     peak_scale = 17 if layout is protocol.COMPACT_ROW else 1  # 15 * 17 == 255
     return Rows(
-        row=first_row + np.arange(count),
+        row=row,
         column_px=raw["position"] / (1 << protocol.POSITION_FRACTION_BITS),
         valid=raw["valid"].astype(bool),
         ambiguous=raw["ambiguous"].astype(bool),

@@ -4,39 +4,15 @@ import contextlib
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import TracebackType
 
 import serial
 
 from .errors import EndOfStreamError, LinkError
 from .port import BAUD, PORT_ERRORS, is_pseudo_terminal, open_port
-from .protocol import Deframer, Packet, frame_packet
+from .protocol import Packet, frame_packet
 from .reader import KILLED, Chunk, Reader
-
-__all__ = ["BAUD", "Link", "Statistics"]
-
-
-@dataclass(frozen=True)
-class Statistics:
-    """What a link has seen since it began.
-
-    Attributes
-    ----------
-    bytes : received
-    packets : intact ones
-    damaged : stretches of the stream that were no intact packet
-    lost : gaps in the card's sequence numbers, damaged packets included
-    restarts : sequence numbers that went back: the card was reset, or old data came again
-    backlog : bytes that the program has been slow to take
-    """
-
-    bytes: int = 0
-    packets: int = 0
-    damaged: int = 0
-    lost: int = 0
-    restarts: int = 0
-    backlog: int = 0
+from .stream import PacketStream, Statistics
 
 
 class Link:
@@ -65,12 +41,10 @@ class Link:
         self.port = port
         self.arrival_s = 0.0
         self.tap: Callable[[Chunk], None] | None = None
-        self._bytes = self._lost = self._restarts = 0
         self._before = Statistics()
-        self._deframer = Deframer()
+        self._stream = PacketStream()
         self._packets: deque[tuple[Packet, float]] = deque()
         self._sequence = 0
-        self._expected: int | None = None
         self._is_pseudo_terminal = is_pseudo_terminal(port)
         self._serial = open_port(port, baud)
         try:
@@ -82,15 +56,7 @@ class Link:
     @property
     def statistics(self) -> Statistics:
         """Since the link was made, or since :meth:`begin`."""
-        before = self._before
-        return Statistics(
-            self._bytes - before.bytes,
-            self._deframer.packets - before.packets,
-            self._deframer.damaged - before.damaged,
-            self._lost - before.lost,
-            self._restarts - before.restarts,
-            self._reader.backlog,
-        )
+        return self._stream.statistics(self._reader.backlog) - self._before
 
     @property
     def reader_pid(self) -> int:
@@ -99,8 +65,7 @@ class Link:
 
     def begin(self) -> None:
         """Count anew: what came so far may be the rest of a stream for somebody else."""
-        self._before = Statistics()
-        self._before = self.statistics
+        self._before = self._stream.statistics()
 
     def send(self, kind: int, payload: bytes) -> int:
         """Send a packet, return its sequence number; :exc:`LinkError` where the port died."""
@@ -155,23 +120,14 @@ class Link:
         self.close()
 
     def _take(self, chunk: Chunk) -> None:
-        self._bytes += len(chunk.data)
         if self.tap is not None:
             self.tap(chunk)
-        for packet in self._deframer.feed(chunk.data):
-            if self._expected is not None:
-                gap = (packet.sequence - self._expected) & 0xFFFF
-                if gap < 0x8000:
-                    self._lost += gap
-                else:  # backwards: nothing that came earlier can be lost now
-                    self._restarts += 1
-            self._expected = (packet.sequence + 1) & 0xFFFF
-            self._packets.append((packet, chunk.arrival_s))
+        self._packets += [(packet, chunk.arrival_s) for packet in self._stream.feed(chunk.data)]
 
     def _death(self) -> LinkError:
         if self._reader.ended == KILLED:
             return LinkError(f"{self.port} is not read any more: {KILLED}; start again")
-        if self._is_pseudo_terminal and not self._deframer.within_packet:
+        if self._is_pseudo_terminal and not self._stream.within_packet:
             return EndOfStreamError(f"{self.port} was closed by the other end")
         if self._is_pseudo_terminal:
             return LinkError(f"{self.port} was closed in the middle of a packet: the virtual card was stopped")
