@@ -8,6 +8,7 @@ from .frame.admission import Admission
 from .frame.assembler import FrameAssembler
 from .frame.buffer import FrameBuffer
 from .frame.facts import MotionFacts
+from .frame.snapshot import Snapshot
 from .layouts import Bytes, Video
 from .link.link import Link
 from .motion.motion import Motion
@@ -73,6 +74,7 @@ class Core(wiring.Component):
         m.submodules.motion = motion = Motion()
         m.submodules.buffer = buffer = FrameBuffer(self.max_rows)
         m.submodules.assembler = assembler = FrameAssembler(self.max_rows)
+        m.submodules.snapshot = snapshot = Snapshot()
         m.submodules.registers = registers = RegisterFile(self.max_columns, self.max_rows)
         m.submodules.link = link = Link()
 
@@ -83,6 +85,16 @@ class Core(wiring.Component):
         connect(m, buffer.reader, assembler.i)
         connect(m, assembler.o, link.frame)
         connect(m, link.tx, flipped(self.tx))
+
+        # Pictures for people.
+        connect(m, vision.raw, snapshot.raw)
+        connect(m, vision.measured, snapshot.measured)
+        connect(m, snapshot.o, link.snapshot)
+        m.d.comb += [
+            snapshot.settings.eq(registers.now),
+            snapshot.frame.eq(buffer.number),
+            snapshot.generation.eq(registers.generation),
+        ]
 
         # Commands to settings, and their answers.
         connect(m, flipped(self.rx), link.rx)
@@ -142,6 +154,7 @@ class Core(wiring.Component):
             status.link_baud.eq(self.link_baud),
             status.line_errors.eq(self.line_errors),
             status.commands.eq(link.count),
+            status.snapshot_busy.eq(snapshot.busy),
             status.frames.eq(buffer.frames),
             status.dropped.eq(buffer.dropped),
             status.damaged_commands.eq(link.damaged),

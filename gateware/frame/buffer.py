@@ -39,6 +39,7 @@ class FrameBuffer(wiring.Component):
     edge_index, edge : entry of the edge log as of ``taken``; ``edge`` follows the index by a clock
     damaged_commands, line_errors : for the header
     frames, dropped : images seen, and those of them that were dropped
+    number : of the image that began last
     reader : the oldest complete frame
     """
 
@@ -63,6 +64,7 @@ class FrameBuffer(wiring.Component):
                 "line_errors": In(16),
                 "frames": Out(32),
                 "dropped": Out(32),
+                "number": Out(32),
                 "reader": Out(FrameReader(max_rows)),
             }
         )
@@ -81,7 +83,6 @@ class FrameBuffer(wiring.Component):
 
         accepts = Signal()
         accepted = Signal()  # the present image has a buffer
-        number = Signal(32)
         m.d.comb += [
             accepts.eq(~busy.bit_select(claiming, 1)),
             self.take.eq(self.frame_end & accepted),
@@ -90,7 +91,7 @@ class FrameBuffer(wiring.Component):
             rows.vision.eq(self.vision),
             header.take.eq(self.take),
             header.image.eq(self.image),
-            header.number.eq(number),
+            header.number.eq(self.number),
             header.taken.eq(self.taken),
             header.motion.eq(self.motion),
             header.dropped.eq(self.dropped),
@@ -117,7 +118,7 @@ class FrameBuffer(wiring.Component):
         with m.If(reader.done):
             m.d.sync += sending.eq(~sending)
         with m.If(self.frame_first):
-            m.d.sync += [number.eq(self.frames), accepted.eq(accepts)]
+            m.d.sync += [self.number.eq(self.frames), accepted.eq(accepts)]
             with m.If(accepts):
                 m.d.sync += claiming.eq(~claiming)
         with m.If(self.frame_first | self.refused):

@@ -18,15 +18,15 @@ ANSWERS = 64
 class Link(wiring.Component):
     """Commands out of bytes; frames and answers into bytes.
 
-    Answers go before frames, and wait for the end of the frame that is being sent. When :data:`ANSWERS`
-    of them wait, commands wait too, and then bytes.
+    Answers go before frames, these before snapshots; each waits for the end of the packet that is being sent. When
+    :data:`ANSWERS` of them wait, commands wait too, and then bytes.
 
     Members
     -------
     rx, tx : bytes from and to the host
     command : intact commands
     answer : their answers
-    frame : payloads of frames
+    frame, snapshot : payloads of frames and of pieces of snapshots
     intact, damaged, count : as in :class:`~gateware.link.packet.PacketReceiver`
     """
 
@@ -35,6 +35,7 @@ class Link(wiring.Component):
     command: Out(stream.Signature(Command))
     answer: In(stream.Signature(Answer))
     frame: In(Packets)
+    snapshot: In(Packets)
     intact: Out(1)
     damaged: Out(16)
     count: Out(16)
@@ -45,7 +46,7 @@ class Link(wiring.Component):
         m.submodules.receiver = receiver = PacketReceiver()
         m.submodules.answers = answers = SyncFIFOBuffered(width=Answer.size, depth=ANSWERS)
         m.submodules.answer_sender = answer_sender = AnswerSender()
-        m.submodules.sender = sender = PacketSender([PacketType.ANSWER, PacketType.FRAME])
+        m.submodules.sender = sender = PacketSender([PacketType.ANSWER, PacketType.FRAME, PacketType.SNAPSHOT])
         m.submodules.encoder = encoder = CobsEncoder()
 
         connect(m, flipped(self.rx), decoder.i)
@@ -53,6 +54,7 @@ class Link(wiring.Component):
         connect(m, receiver.command, flipped(self.command))
         connect(m, answer_sender.o, sender.i[0])
         connect(m, flipped(self.frame), sender.i[1])
+        connect(m, flipped(self.snapshot), sender.i[2])
         connect(m, sender.o, encoder.i)
         connect(m, encoder.o, flipped(self.tx))
         m.d.comb += [

@@ -1,18 +1,18 @@
 """Pixels in, one measured row after another out."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import wiring
+from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak.reference import measure
 
-from ..camera.monitor import Monitor
+from ..camera.monitor import CheckedPixel, Monitor
 from ..layouts import CameraErrors, FrameSettings, LutWrite, Rows, Video
 from .choose import Choose
 from .fir import Fir
 from .lookahead import Lookahead
 from .peak import Peak
-from .pixels import Pixels
+from .pixels import MeasuredPixel, Pixels
 from .runs import Runs, connect_fir
 from .spread import Spread
 
@@ -41,6 +41,7 @@ class Vision(wiring.Component):
     rows : results; ``frame_end`` comes at least one clock after the last row's
     errors, image_rows, image_columns : of the frame that ended, valid at ``rows.frame_end``
     errors_ever : errors of all frames since reset, as they occur
+    raw, measured : what snapshots show: pixels of well-formed images before and after the point-wise stages
 
     Raises
     ------
@@ -63,6 +64,8 @@ class Vision(wiring.Component):
                 "image_rows": Out(12),
                 "image_columns": Out(12),
                 "errors_ever": Out(CameraErrors),
+                "raw": Out(stream.Signature(CheckedPixel, always_ready=True)),
+                "measured": Out(stream.Signature(MeasuredPixel, always_ready=True)),
             }
         )
 
@@ -121,6 +124,10 @@ class Vision(wiring.Component):
             self.image_rows.eq(monitor.rows),
             self.image_columns.eq(monitor.columns),
             self.errors_ever.eq(monitor.errors_ever),
+            self.raw.valid.eq(monitor.pixel.valid),
+            self.raw.p.eq(monitor.pixel.p),
+            self.measured.valid.eq(pixels.o.valid),
+            self.measured.p.eq(pixels.o.p),
         ]
         return m
 

@@ -10,8 +10,8 @@ POSITION_FRACTION_BITS = 8
 MAX_EDGES = 16
 """Encoder edges that one frame can carry."""
 
-SNAPSHOT_PIXELS = 112
-"""Pixels that one piece of a snapshot can have: it delays a frame by little, about 1.2 ms at 3 Mbaud."""
+SNAPSHOT_PIXELS = 120
+"""Pixels that one piece of a snapshot can have: it delays a frame by 1.3 ms at 3 Mbaud, at most."""
 
 
 class PacketType(enum.IntEnum):
@@ -168,7 +168,7 @@ SNAPSHOT = Layout(
         Field("column", 16, "column of the first one"),
         Field("step", 8, "from one pixel to the next, and from one row to the next"),
         Field("flags", 8, "see snapshot flags"),
-        Field("pixels", 16, "pixels that follow, up to 112; none: the snapshot is complete"),
+        Field("pixels", 8, f"pixels that follow, up to {SNAPSHOT_PIXELS}; none: the snapshot is complete"),
     ),
 )
 

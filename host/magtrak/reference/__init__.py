@@ -9,10 +9,12 @@ from .gate import gate, luts_from_words, words_from_luts
 from .hls import hls
 from .rows import ROW_DTYPE, measure
 from .runs import Runs, find_runs
+from .snapshot import Piece, snapshot
 from .weight import mix, saturated, weight
 
 __all__ = [
     "ROW_DTYPE",
+    "Piece",
     "Runs",
     "find_runs",
     "gate",
@@ -21,6 +23,7 @@ __all__ = [
     "measure",
     "mix",
     "saturated",
+    "snapshot",
     "weight",
     "words_from_luts",
 ]

@@ -1,0 +1,250 @@
+"""Pictures of what the card sees, a piece at a time."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import data, enum, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from magtrak import reference
+from magtrak.protocol import SNAPSHOT, SNAPSHOT_PIXELS, SnapshotSource
+
+from ..camera.monitor import CheckedPixel
+from ..layouts import NowSettings, Packets, struct
+from ..vision.pixels import MeasuredPixel
+
+SLOTS = 8
+"""Pieces that the memory holds."""
+
+SLOT_WORDS = 128
+_WORD_BYTES = 3
+_HEADER_AT = SNAPSHOT_PIXELS
+_HEADER_END = _HEADER_AT + SNAPSHOT.size // _WORD_BYTES - 1
+assert SNAPSHOT.size % _WORD_BYTES == 0 and _HEADER_AT % 8 == 0 and _HEADER_END < SLOT_WORDS
+
+_SOURCE_AT, _PIXELS_AT = (
+    next(offset for offset, field in SNAPSHOT if field.name == name) for name in ("source", "pixels")
+)
+
+
+class _State(enum.Enum, shape=3):
+    IDLE = 0
+    CHECK = 1  # is there a next piece?
+    WANT = 2  # its first pixel is to come
+    TAKE = 3
+    FINISH = 4  # the piece without pixels is next
+    HEADER = 5
+
+
+class Snapshot(wiring.Component):
+    """Looks over the shoulder of the measurement, without ever holding it up.
+
+    A region of the image, thinned in both directions, is taken in strips of up to ``SNAPSHOT_PIXELS`` pixels' width, a
+    row of a strip at a time, into one of :data:`SLOTS` slots of a memory, from which it goes to the link. A piece that
+    finds no free slot when its row comes, or whose row comes while the one before is being closed (7 clocks), is
+    taken from a later image: pieces leave in order and none is missing. A piece is of one image, and says of which.
+
+    A region that reaches beyond the image ends where the image ends. The last piece has no pixels.
+
+    The other settings are taken over when ``settings.snapshot`` changes. Pieces that are complete by then are still
+    sent.
+
+    Members
+    -------
+    settings : those of the snapshot are used
+    raw, measured : pixels, always ready
+    frame, generation : of the image that began last; at its first pixel here they are its own
+    busy : pieces are still to be taken
+    o : payloads of ``PacketType.SNAPSHOT``; a byte a clock, and 3 clocks more for each pixel
+    """
+
+    settings: In(NowSettings)
+    raw: In(stream.Signature(CheckedPixel, always_ready=True))
+    measured: In(stream.Signature(MeasuredPixel, always_ready=True))
+    frame: In(32)
+    generation: In(16)
+    busy: Out(1)
+    o: Out(Packets)
+
+    reference = staticmethod(reference.snapshot)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.memory = memory = Memory(shape=8 * _WORD_BYTES, depth=SLOTS * SLOT_WORDS, init=[])
+        stored, sent = Signal(), Signal()
+        filled = Signal(range(SLOTS + 1))
+        free = Signal()  # a clock late: between two pieces there are more
+        m.d.sync += [filled.eq(filled + stored - sent), free.eq(filled != SLOTS)]
+        self._take(m, memory.write_port(), free, stored)
+        self._send(m, memory.read_port(), filled != 0, sent)
+        return m
+
+    def _take(self, m, write, free, stored):
+        """Pixels into slots; ``stored``: one more is complete."""
+        settings = self.settings
+        state = Signal(_State)
+        number, source, step = Signal(8), Signal(SnapshotSource), Signal(6)
+        column_last, row_first, row_last = Signal(12), Signal(12), Signal(12)
+        started = Signal()
+        m.d.comb += [started.eq(settings.snapshot != number), self.busy.eq(state != _State.IDLE)]
+
+        # The pixel in question, and where it stands.
+        place = data.StructLayout({"row_first": 1, "row_last": 1, "frame_first": 1, "fault": 1})
+        raw, measured = self.raw, self.measured
+        coming, colour, comes = Signal(place), Signal(8 * _WORD_BYTES), Signal()
+        with m.If(source == SnapshotSource.RAW):
+            m.d.comb += [comes.eq(raw.valid), colour.eq(Cat(raw.p.r, raw.p.g, raw.p.b))]
+            m.d.comb += [coming[name].eq(raw.p[name]) for name, _ in place]
+        with m.Else():
+            grey = Mux(source == SnapshotSource.GATE, measured.p.gate.replicate(8), measured.p.weight)
+            m.d.comb += [comes.eq(measured.valid), colour.eq(grey)]
+            m.d.comb += [coming[name].eq(measured.p[name]) for name, _ in place]
+        pixel, pixel_colour, valid = Signal(place), Signal(8 * _WORD_BYTES), Signal()
+        at_row, at_column, fault = Signal(12), Signal(12), Signal()  # the row broke the contract so far
+        m.d.sync += [valid.eq(comes), pixel.eq(coming), pixel_colour.eq(colour)]
+        with m.If(valid):
+            m.d.sync += fault.eq(pixel.fault | (fault & ~pixel.row_first))
+        with m.If(comes):
+            m.d.sync += at_column.eq(Mux(coming.row_first, 0, at_column + 1))
+            with m.If(coming.row_first):
+                m.d.sync += at_row.eq(Mux(coming.frame_first, 0, at_row + 1))
+
+        # Places are known from the first image on that begins after the source was chosen.
+        begins, settled, seen = Signal(), Signal(), Signal()
+        frame, generation = Signal(32), Signal(16)
+        m.d.comb += begins.eq(valid & pixel.frame_first & settled)
+        m.d.sync += settled.eq(~started)
+        with m.If(begins):
+            m.d.sync += [frame.eq(self.frame), generation.eq(self.generation), seen.eq(1)]
+
+        # The piece in question: a row of a strip.
+        slot, count, word = Signal(range(SLOTS)), Signal(7), Signal(range(SLOT_WORDS), init=_HEADER_AT)
+        row, strip, column = Signal(12), Signal(12), Signal(12)  # row, first column and next column
+        next_strip = Signal(12)
+        finishing = Signal()
+        ended = Signal()  # no strip follows; also as long as this one has no row
+        due, came = Signal(), Signal()  # the row was to come in this image; it did
+        over = Signal()  # the image has no such row
+        in_row, hit, border = Signal(), Signal(), Signal()
+        m.d.comb += [
+            in_row.eq(valid & (seen | begins) & (at_row == row)),
+            hit.eq(in_row & (at_column == column)),
+            border.eq(pixel.row_last | (at_column == column_last)),
+        ]
+
+        header = Signal(struct(SNAPSHOT))
+        for name, value in (
+            *(("frame", frame), ("generation", generation), ("number", number), ("source", source)),
+            *(("row", row), ("column", strip), ("step", step), ("flags", fault & ~finishing), ("pixels", count)),
+        ):
+            m.d.comb += header[name].eq(value)
+        takes = Signal()
+        m.d.comb += takes.eq(hit & ((state == _State.TAKE) | ((state == _State.WANT) & free)))
+        heading = state == _State.HEADER
+        m.d.sync += [
+            write.en.eq(takes | heading),
+            write.addr.eq(Cat(Mux(heading, word, count), slot)),
+            write.data.eq(Mux(heading, header.as_value().word_select(word[:3], 8 * _WORD_BYTES), pixel_colour)),
+        ]
+
+        with m.Switch(state):
+            with m.Case(_State.CHECK):
+                m.d.sync += [column.eq(strip), count.eq(0), came.eq(0), over.eq(0), state.eq(_State.WANT)]
+                m.d.sync += due.eq(seen & (at_row < row))
+                with m.If(over | (row > row_last)):
+                    m.d.sync += [strip.eq(next_strip), row.eq(row_first), ended.eq(1), state.eq(_State.CHECK)]
+                    with m.If(ended):
+                        m.d.sync += state.eq(_State.FINISH)
+                with m.Elif(strip > column_last):
+                    m.d.sync += state.eq(_State.FINISH)
+
+            with m.Case(_State.WANT):
+                with m.If(begins):
+                    m.d.sync += [due.eq(1), came.eq(in_row)]
+                    with m.If(due & ~came):
+                        m.d.sync += [over.eq(1), state.eq(_State.CHECK)]
+                with m.Elif(in_row):
+                    m.d.sync += came.eq(1)
+                with m.If(takes):
+                    m.d.sync += state.eq(_State.TAKE)
+                with m.Elif(in_row & pixel.row_last & (at_column < strip) & ~pixel.fault & ~fault):
+                    # The image has no such columns.
+                    m.d.sync += state.eq(_State.FINISH)
+
+            with m.Case(_State.FINISH):
+                m.d.sync += [finishing.eq(1), count.eq(0)]
+                with m.If(free):
+                    m.d.sync += state.eq(_State.HEADER)
+
+            with m.Case(_State.HEADER):
+                m.d.sync += word.eq(word + 1)
+                with m.If(word == _HEADER_END):
+                    m.d.comb += stored.eq(1)
+                    m.d.sync += [word.eq(_HEADER_AT), slot.eq(slot + 1), row.eq(row + step), state.eq(_State.CHECK)]
+                    with m.If(finishing):
+                        m.d.sync += state.eq(_State.IDLE)
+
+        with m.If(takes):
+            m.d.sync += [count.eq(count + 1), column.eq(column + step)]
+        with m.If(takes | ((state == _State.TAKE) & in_row)):
+            with m.If(border | (takes & (count == SNAPSHOT_PIXELS - 1))):
+                m.d.sync += [ended.eq(border), next_strip.eq(column + step), state.eq(_State.HEADER)]
+
+        with m.If(started):
+            m.d.sync += [
+                number.eq(settings.snapshot),
+                source.eq(settings.snapshot_source),
+                step.eq(settings.snapshot_step),
+                column_last.eq(settings.snapshot_column_last),
+                row_first.eq(settings.snapshot_row_first),
+                row_last.eq(settings.snapshot_row_last),
+                strip.eq(settings.snapshot_column_first),
+                row.eq(settings.snapshot_row_first),
+                *(seen.eq(0), ended.eq(1), finishing.eq(0), word.eq(_HEADER_AT)),
+                state.eq(Mux(settings.snapshot == 0, _State.IDLE, _State.CHECK)),
+            ]
+
+    def _send(self, m, read, ready, sent):
+        """Slots into payloads; ``sent``: one is free again."""
+        slot, index = Signal(range(SLOTS)), Signal(range(SLOT_WORDS))
+        fetched, word = Signal(8 * _WORD_BYTES), Signal(8 * _WORD_BYTES)  # the byte that is next is the lowest
+        bytes_ = Signal(range(_WORD_BYTES + 1))  # of this word
+        pixels = Signal(7)  # from the header's last word on: to come, with this one
+        raw, in_header, ends = Signal(), Signal(), Signal()
+        m.d.comb += [
+            read.addr.eq(Cat(index, slot)),
+            read.en.eq(1),
+            in_header.eq(index >= _HEADER_AT),
+            ends.eq(Mux(in_header, (index == _HEADER_END) & (pixels == 0), pixels == 1)),
+            self.o.payload.data.eq(word),
+            self.o.payload.last.eq(ends & (bytes_ == 1)),
+        ]
+        m.d.sync += fetched.eq(read.data)
+        with m.FSM():
+            with m.State("Wait"):
+                m.d.sync += index.eq(_HEADER_AT)
+                with m.If(ready):
+                    m.next = "Fetch"
+            with m.State("Fetch"):
+                m.next = "Settle"
+            with m.State("Settle"):
+                m.next = "Load"
+            with m.State("Load"):
+                m.d.sync += [word.eq(fetched), bytes_.eq(Mux(in_header | raw, _WORD_BYTES, 1))]
+                with m.If(index == _HEADER_AT + _SOURCE_AT // len(word)):
+                    m.d.sync += raw.eq(fetched[_SOURCE_AT % len(word) :][:8] == SnapshotSource.RAW)
+                with m.If(index == _HEADER_END):
+                    m.d.sync += pixels.eq(fetched[_PIXELS_AT % len(word) :])
+                m.next = "Send"
+            with m.State("Send"):
+                m.d.comb += self.o.valid.eq(1)
+                with m.If(self.o.ready):
+                    m.d.sync += [word.eq(word >> 8), bytes_.eq(bytes_ - 1)]
+                    with m.If(bytes_ == 1):
+                        m.d.sync += index.eq(Mux(index == _HEADER_END, 0, index + 1))
+                        with m.If(~in_header):
+                            m.d.sync += pixels.eq(pixels - 1)
+                        m.next = "Fetch"
+                        with m.If(ends):
+                            m.d.comb += sent.eq(1)
+                            m.d.sync += slot.eq(slot + 1)
+                            m.next = "Wait"
