@@ -2,6 +2,7 @@
 
 import json
 import os
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -91,7 +92,16 @@ class Recording:
         from mcap.stream_reader import StreamReader, breakup_chunk
 
         # What damage does to lengths, texts and compressed data.
-        errors = (McapError, EOFError, ValueError, KeyError, MemoryError, OverflowError, zstandard.ZstdError)
+        errors = (
+            McapError,
+            struct.error,
+            EOFError,
+            ValueError,
+            KeyError,
+            MemoryError,
+            OverflowError,
+            zstandard.ZstdError,
+        )
         self.damaged = 0
         with self.path.open("rb") as file:
             records = iter(StreamReader(file, emit_chunks=True).records)

@@ -34,6 +34,7 @@ class FakeCard:
     port : what to open
     registers : values as written, by address
     written : names of the registers written, in order
+    frames_sent : so far
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class FakeCard:
             self.registers[protocol.register(name).address] = value
         self.written: list[tuple[str, int]] = []
         self.commands = 0
+        self.frames_sent = 0
         self._sequence = 0
         self._stop = threading.Event()
         self._master, self._slave = os.openpty()
@@ -80,6 +82,11 @@ class FakeCard:
         """A register as last written."""
         entry = protocol.register(name)
         return entry.decode(self.registers[entry.address])
+
+    def join(self) -> None:
+        """Wait until it has closed the port by itself."""
+        self._thread.join(timeout=20)
+        assert not self._thread.is_alive()
 
     def __enter__(self) -> "FakeCard":
         self._thread.start()
@@ -115,6 +122,7 @@ class FakeCard:
                     break
                 self._send(wire)
                 at += 1
+                self.frames_sent = at
             elif not self.loop_for_ever:
                 break
         self._drain()
