@@ -17,9 +17,9 @@ SLOTS = 8
 
 SLOT_WORDS = 128
 _WORD_BYTES = 3
-_HEADER_AT = SNAPSHOT_PIXELS
-_HEADER_END = _HEADER_AT + SNAPSHOT.size // _WORD_BYTES - 1
-assert SNAPSHOT.size % _WORD_BYTES == 0 and _HEADER_AT % 8 == 0 and _HEADER_END < SLOT_WORDS
+_HEADER_WORDS = SNAPSHOT.size // _WORD_BYTES
+_HEADER_AT = SLOT_WORDS - _HEADER_WORDS  # at the end of the slot: the pixels follow when the address wraps
+assert SNAPSHOT.size % _WORD_BYTES == 0 and _HEADER_WORDS <= 8 and SNAPSHOT_PIXELS <= SLOT_WORDS - 8
 
 _SOURCE_AT, _PIXELS_AT = (
     next(offset for offset, field in SNAPSHOT if field.name == name) for name in ("source", "pixels")
@@ -96,7 +96,7 @@ class Snapshot(wiring.Component):
             m.d.comb += [coming[name].eq(raw.p[name]) for name, _ in place]
         with m.Else():
             grey = Mux(source == SnapshotSource.GATE, measured.p.gate.replicate(8), measured.p.weight)
-            m.d.comb += [comes.eq(measured.valid), colour.eq(grey)]
+            m.d.comb += [comes.eq(measured.valid), colour.eq(Cat(grey, raw.p.g, raw.p.b))]  # two bytes mean nothing
             m.d.comb += [coming[name].eq(measured.p[name]) for name, _ in place]
         pixel, pixel_colour, valid = Signal(place), Signal(8 * _WORD_BYTES), Signal()
         at_row, at_column, fault = Signal(12), Signal(12), Signal()  # the row broke the contract so far
@@ -124,6 +124,7 @@ class Snapshot(wiring.Component):
         ended = Signal()  # no strip follows; also as long as this one has no row
         due, came = Signal(), Signal()  # the row was to come in this image; it did
         over = Signal()  # the image has no such row
+        narrow = Signal()  # the strip has not come in this row, all of which was seen
         in_row, hit, border = Signal(), Signal(), Signal()
         m.d.comb += [
             in_row.eq(valid & (seen | begins) & (at_row == row)),
@@ -143,13 +144,17 @@ class Snapshot(wiring.Component):
         m.d.sync += [
             write.en.eq(takes | heading),
             write.addr.eq(Cat(Mux(heading, word, count), slot)),
-            write.data.eq(Mux(heading, header.as_value().word_select(word[:3], 8 * _WORD_BYTES), pixel_colour)),
+            write.data.eq(pixel_colour),
         ]
+        with m.If(heading):
+            with m.Switch(word[:3]):
+                for at in range(_HEADER_WORDS):
+                    with m.Case((_HEADER_AT + at) % 8):
+                        m.d.sync += write.data.eq(header.as_value().word_select(at, 8 * _WORD_BYTES))
 
         with m.Switch(state):
             with m.Case(_State.CHECK):
                 m.d.sync += [column.eq(strip), count.eq(0), came.eq(0), over.eq(0), state.eq(_State.WANT)]
-                m.d.sync += due.eq(seen & (at_row < row))
                 with m.If(over | (row > row_last)):
                     m.d.sync += [strip.eq(next_strip), row.eq(row_first), ended.eq(1), state.eq(_State.CHECK)]
                     with m.If(ended):
@@ -166,7 +171,7 @@ class Snapshot(wiring.Component):
                     m.d.sync += came.eq(1)
                 with m.If(takes):
                     m.d.sync += state.eq(_State.TAKE)
-                with m.Elif(in_row & pixel.row_last & (at_column < strip) & ~pixel.fault & ~fault):
+                with m.Elif(in_row & pixel.row_last & narrow & ~hit & ~pixel.fault & ~fault):
                     # The image has no such columns.
                     m.d.sync += state.eq(_State.FINISH)
 
@@ -176,18 +181,24 @@ class Snapshot(wiring.Component):
                     m.d.sync += state.eq(_State.HEADER)
 
             with m.Case(_State.HEADER):
-                m.d.sync += word.eq(word + 1)
-                with m.If(word == _HEADER_END):
+                m.d.sync += word[:3].eq(word[:3] + 1)
+                with m.If(word[:3].all()):
                     m.d.comb += stored.eq(1)
                     m.d.sync += [word.eq(_HEADER_AT), slot.eq(slot + 1), row.eq(row + step), state.eq(_State.CHECK)]
                     with m.If(finishing):
                         m.d.sync += state.eq(_State.IDLE)
 
+        with m.If(valid & pixel.row_first):
+            m.d.sync += narrow.eq((state == _State.WANT) & ~hit)
+            with m.If(state != _State.WANT):  # it may have come unseen
+                m.d.sync += due.eq(0)
+        with m.Elif(hit):
+            m.d.sync += narrow.eq(0)
         with m.If(takes):
             m.d.sync += [count.eq(count + 1), column.eq(column + step)]
         with m.If(takes | ((state == _State.TAKE) & in_row)):
             with m.If(border | (takes & (count == SNAPSHOT_PIXELS - 1))):
-                m.d.sync += [ended.eq(border), next_strip.eq(column + step), state.eq(_State.HEADER)]
+                m.d.sync += [ended.eq(border), next_strip.eq(column + step), due.eq(1), state.eq(_State.HEADER)]
 
         with m.If(started):
             m.d.sync += [
@@ -197,9 +208,8 @@ class Snapshot(wiring.Component):
                 column_last.eq(settings.snapshot_column_last),
                 row_first.eq(settings.snapshot_row_first),
                 row_last.eq(settings.snapshot_row_last),
-                strip.eq(settings.snapshot_column_first),
-                row.eq(settings.snapshot_row_first),
-                *(seen.eq(0), ended.eq(1), finishing.eq(0), word.eq(_HEADER_AT)),
+                next_strip.eq(settings.snapshot_column_first),
+                *(over.eq(1), seen.eq(0), due.eq(0), ended.eq(0), finishing.eq(0), word.eq(_HEADER_AT)),
                 state.eq(Mux(settings.snapshot == 0, _State.IDLE, _State.CHECK)),
             ]
 
@@ -213,8 +223,8 @@ class Snapshot(wiring.Component):
         m.d.comb += [
             read.addr.eq(Cat(index, slot)),
             read.en.eq(1),
-            in_header.eq(index >= _HEADER_AT),
-            ends.eq(Mux(in_header, (index == _HEADER_END) & (pixels == 0), pixels == 1)),
+            in_header.eq(index[3:].all()),
+            ends.eq(Mux(in_header, index.all() & (pixels == 0), pixels == 1)),
             self.o.payload.data.eq(word),
             self.o.payload.last.eq(ends & (bytes_ == 1)),
         ]
@@ -232,7 +242,7 @@ class Snapshot(wiring.Component):
                 m.d.sync += [word.eq(fetched), bytes_.eq(Mux(in_header | raw, _WORD_BYTES, 1))]
                 with m.If(index == _HEADER_AT + _SOURCE_AT // len(word)):
                     m.d.sync += raw.eq(fetched[_SOURCE_AT % len(word) :][:8] == SnapshotSource.RAW)
-                with m.If(index == _HEADER_END):
+                with m.If(index.all()):
                     m.d.sync += pixels.eq(fetched[_PIXELS_AT % len(word) :])
                 m.next = "Send"
             with m.State("Send"):
@@ -240,7 +250,7 @@ class Snapshot(wiring.Component):
                 with m.If(self.o.ready):
                     m.d.sync += [word.eq(word >> 8), bytes_.eq(bytes_ - 1)]
                     with m.If(bytes_ == 1):
-                        m.d.sync += index.eq(Mux(index == _HEADER_END, 0, index + 1))
+                        m.d.sync += index.eq(index + 1)
                         with m.If(~in_header):
                             m.d.sync += pixels.eq(pixels - 1)
                         m.next = "Fetch"

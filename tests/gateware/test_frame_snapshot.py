@@ -61,7 +61,7 @@ def play(images, settings, *, changes=(), stall=0.0, hold=0, blanking=16, gap=64
     async def show(ctx):
         nonlocal values
         ctx.set(dut.settings, NowSettings.const(values))
-        await ctx.tick()
+        await ctx.tick().repeat(4)
         for clock in range(len(clocks) + 200):
             for name, port, at in (("raw", dut.raw, clock), ("measured", dut.measured, clock - DELAY)):
                 place = clocks[at] if 0 <= at < len(clocks) else None
