@@ -3,7 +3,7 @@
 import contextlib
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from . import protocol
@@ -83,6 +83,7 @@ class Card:
     damaged_frames : frames intact on the wire whose content cannot be
     clock : the card's clock against the computer's, from the frames given out
     delays_s : how much later than the quickest ones the frames given out last came
+    on_snapshot : called with each packet of a snapshot
     round_trips_s : how long the last answers took, while commands were waited for
 
     Raises
@@ -96,6 +97,7 @@ class Card:
         self.answer_timeout_s = answer_timeout_s
         self.damaged_frames = 0
         self.clock = CardClock()
+        self.on_snapshot: Callable[[Packet], None] | None = None
         self.delays_s: deque[float] = deque(maxlen=1000)
         self.round_trips_s: deque[float] = deque(maxlen=100)
         self._frames: deque[tuple[Packet, float]] = deque()
@@ -249,6 +251,8 @@ class Card:
         self._last_packet = time.monotonic()
         if packet.type == PacketType.FRAME:
             self._frames.append((packet, self.link.arrival_s))
+        elif packet.type == PacketType.SNAPSHOT and self.on_snapshot is not None:
+            self.on_snapshot(packet)
         elif packet.type == PacketType.ANSWER and len(packet.payload) == protocol.ANSWER.size:
             answer = protocol.ANSWER.unpack(packet.payload)
             self._look_for_fault(answer)
