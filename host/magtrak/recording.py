@@ -37,7 +37,7 @@ CALIBRATION, SETTINGS, CARD = "calibration.json", "settings.toml", "magtrak"
 
 WIRE, EVENTS, PROFILE, STATUS = "/wire", "/events", "/profile", "/status"
 
-_TYPES = {
+TYPES = {
     WIRE: "std_msgs/msg/UInt8MultiArray",
     EVENTS: "std_msgs/msg/String",
     PROFILE: "sensor_msgs/msg/PointCloud2",
@@ -84,7 +84,7 @@ class Recorder:
         self._store = get_typestore(Stores.ROS2_HUMBLE)
         # Arrivals are of the monotonic clock; recordings have the calendar's.
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        self._sequence = dict.fromkeys(_TYPES, 0)
+        self._sequence = dict.fromkeys(TYPES, 0)
         self._flushed = time.monotonic()
         try:
             self._file = path.open("wb")
@@ -100,7 +100,7 @@ class Recorder:
             ):
                 self._writer.add_attachment(now, now, name, kind, text.encode())
             self._writer.add_metadata(CARD, {"version": __version__, **options})
-            self._channels = {topic: self._register(topic, kind) for topic, kind in _TYPES.items()}
+            self._channels = {topic: self._register(topic, kind) for topic, kind in TYPES.items()}
             self._writer.flush()
 
     def wire(self, chunk: Chunk) -> None:
@@ -109,12 +109,12 @@ class Recorder:
         layout = types["std_msgs/msg/MultiArrayLayout"]([], 0)
         data = np.frombuffer(chunk.data, np.uint8)
         self.bytes += len(data)
-        self._add(WIRE, types[_TYPES[WIRE]](layout, data), chunk.arrival_s)
+        self._add(WIRE, types[TYPES[WIRE]](layout, data), chunk.arrival_s)
 
     def event(self, kind: str, **values: Any) -> None:
         """Something that the host did."""
         text = json.dumps({"event": kind, **values})
-        self._add(EVENTS, self._store.types[_TYPES[EVENTS]](text), time.monotonic())
+        self._add(EVENTS, self._store.types[TYPES[EVENTS]](text), time.monotonic())
 
     def profile(self, frame: Frame) -> None:
         """A frame, for viewers."""
@@ -131,7 +131,7 @@ class Recorder:
         data = table.view(np.uint8).reshape(-1)
         now = time.monotonic()
         header = self._header(now, "picture")
-        cloud = types[_TYPES[PROFILE]](header, 1, len(table), fields, False, size, size * len(table), data, True)
+        cloud = types[TYPES[PROFILE]](header, 1, len(table), fields, False, size, size * len(table), data, True)
         self._add(PROFILE, cloud, now)
 
     def flush(self, status: Callable[[], tuple[str, dict[str, str], bool]] | None = None) -> None:
@@ -158,7 +158,7 @@ class Recorder:
         pairs = [types["diagnostic_msgs/msg/KeyValue"](name, value) for name, value in values.items()]
         now = time.monotonic()
         one = types["diagnostic_msgs/msg/DiagnosticStatus"](int(warn), "magtrak", message, "card", pairs)
-        self._add(STATUS, types[_TYPES[STATUS]](self._header(now, ""), [one]), now)
+        self._add(STATUS, types[TYPES[STATUS]](self._header(now, ""), [one]), now)
 
     def _register(self, topic: str, kind: str) -> int:
         text, _ = self._store.generate_msgdef(kind)
@@ -171,7 +171,7 @@ class Recorder:
         return types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](seconds, rest), frame)
 
     def _add(self, topic: str, message: Any, at_s: float) -> None:
-        data = bytes(self._store.serialize_cdr(message, _TYPES[topic]))
+        data = bytes(self._store.serialize_cdr(message, TYPES[topic]))
         at_ns = self._epoch_ns + round(at_s * 1e9)
         self._sequence[topic] += 1
         with _Guard(self.path):

@@ -10,10 +10,10 @@ from typing import Any
 
 from .calibration import Calibration
 from .clock import CardClock
-from .errors import MagtrakError
+from .errors import CalibrationError, MagtrakError
 from .frames import DamagedFrameError, Frame, decode_frame
 from .protocol import Packet, PacketType
-from .recording import CALIBRATION, CARD, EVENTS, WIRE, require_mcap
+from .recording import CALIBRATION, CARD, EVENTS, TYPES, WIRE, require_mcap
 from .scan import Scan
 from .stream import PacketStream, Statistics
 
@@ -51,7 +51,7 @@ class Recording:
     clock_hz : the card's clock; 0 where no link was ever started
     frames : how many frames the receiver used; None where it was killed before it could say so
     cut : bytes at the end that belonged to no whole record, where the recording was cut short; else None
-    damaged : chunks in the middle that cannot be read
+    damaged : chunks and messages in the middle that cannot be read
     """
 
     path: Path
@@ -66,7 +66,12 @@ class Recording:
     @property
     def calibration(self) -> Calibration:
         """The one that was used."""
-        return Calibration.parse(json.loads(self.attachments[CALIBRATION]), f"the calibration in {self.path}")
+        where = f"the calibration in {self.path}"
+        try:
+            values = json.loads(self.attachments[CALIBRATION])
+        except (json.JSONDecodeError, RecursionError) as error:
+            raise CalibrationError(f"{where} is no JSON: {error}") from None
+        return Calibration.parse(values, where)
 
     def messages(self) -> Iterator[tuple[str, int, Any]]:
         """Topic, time (ns since 1970) and content: bytes of the wire, and events as parsed."""
@@ -78,12 +83,15 @@ class Recording:
             kind = type(record).__name__
             if kind == "Channel":
                 topics[record.id] = record.topic
-            elif kind == "Message" and topics.get(record.channel_id) == WIRE:
-                message: Any = store.deserialize_cdr(record.data, "std_msgs/msg/UInt8MultiArray")
-                yield WIRE, record.log_time, message.data.tobytes()
-            elif kind == "Message" and topics.get(record.channel_id) == EVENTS:
-                message = store.deserialize_cdr(record.data, "std_msgs/msg/String")
-                yield EVENTS, record.log_time, json.loads(message.data)
+            elif kind == "Message" and topics.get(record.channel_id) in (WIRE, EVENTS):
+                topic = topics[record.channel_id]
+                try:
+                    message: Any = store.deserialize_cdr(record.data, TYPES[topic])
+                    content = message.data.tobytes() if topic == WIRE else dict(json.loads(message.data))
+                except Exception:  # whatever a library makes of bytes that another program wrote
+                    self.damaged += 1
+                    continue
+                yield topic, record.log_time, content
 
     def records(self) -> Iterator[Any]:
         """Everything in the file, in order, up to damage of its structure; damaged chunks are left out and counted."""
@@ -276,10 +284,11 @@ def _repair(recording: Recording) -> int:
                 case "Schema" if record.id not in schemas:
                     schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
                 case "Channel" if record.id not in channels:
+                    schema = schemas.get(record.schema_id, 0)
                     channels[record.id] = writer.register_channel(
-                        record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
+                        record.topic, record.message_encoding, schema, record.metadata
                     )
-                case "Message":
+                case "Message" if record.channel_id in channels:
                     channel = channels[record.channel_id]
                     writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
                 case "Attachment":

@@ -116,7 +116,7 @@ def test_a_damaged_chunk_costs_itself_and_is_told(recorded: Path, tmp_path: Path
     path.write_bytes(data)
     done = magtrak(tmp_path, "replay", "scan.mcap")
     assert done.returncode == 0
-    assert "scan.mcap has 1 damaged chunks, left out" in done.stderr
+    assert "scan.mcap has 1 damaged parts, left out" in done.stderr
     frames = int(done.stdout.split()[0])
     assert 0 < frames < 60
     assert f"{60 - frames} lost frames" in done.stdout

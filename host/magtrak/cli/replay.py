@@ -43,7 +43,7 @@ def main(
         if opened.cut is not None:
             print(f"magtrak: {recording} was cut short; repaired, {opened.cut} bytes given up", file=sys.stderr)
         if opened.damaged:
-            print(f"magtrak: {recording} has {opened.damaged} damaged chunks, left out", file=sys.stderr)
+            print(f"magtrak: {recording} has {opened.damaged} damaged parts, left out", file=sys.stderr)
         if not opened.clock_hz:
             raise RecordingError(f"{recording} ends before the card was started: there is nothing in it to replay")
         scan = Scan(

@@ -1,0 +1,1 @@
+"""Fuzzers: each a program of its own for a long run, with a short one in ``make test``."""
