@@ -66,7 +66,7 @@ def test_coverage_guided(target: str, runs: int) -> None:
 
 
 def test_points_of_a_damaged_scan_are_those_of_the_whole_one() -> None:
-    """Rows, columns and widths to the bit; the angle leans on the edges of the frames around, some of which are gone."""
+    """Rows, columns and widths to the bit; the angle leans on the edges of frames around, some of which are gone."""
     seed = random.randrange(2**32)
     print("seed", seed)
     rng = random.Random(seed)
