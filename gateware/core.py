@@ -133,6 +133,7 @@ class Core(wiring.Component):
             buffer.vision.columns.eq(vision.image_columns),
             buffer.damaged_commands.eq(link.damaged),
             buffer.line_errors.eq(self.line_errors),
+            buffer.moving.eq(link.tx.valid & link.tx.ready),
             buffer.image.field.eq(admission.field),
             buffer.image.generation.eq(registers.generation),
             buffer.image.form.eq(registers.now.form),

@@ -15,10 +15,12 @@ from .rows import RowStore
 class FrameBuffer(wiring.Component):
     """Holds whole images until they are sent; the camera never waits.
 
-    The first pixel of an image claims a free buffer; without one the image is dropped whole, and counted.
-    Buffers are claimed, filled and sent in turn, so frames leave in order, and one that is being sent is
-    never written. ``rows`` of the header counts what was written for this very image: rows that earlier
-    ones left behind are never sent.
+    The first pixel of an image claims a free buffer. Without one an image is dropped whole, and counted: the new one;
+    or, when the link has stood still for the whole image before, the one that is complete and waits, so that a host
+    that reads again gets the newest one after the one that was under way.
+
+    Frames leave in order, and one that is being sent is never written. ``rows`` of the header counts what was
+    written for this very image: rows that earlier ones left behind are never sent.
 
     Reset empties both buffers.
 
@@ -37,6 +39,7 @@ class FrameBuffer(wiring.Component):
     taken : strobe for each ``take``, in order and at least 112 clocks apart: its motion is known
     motion : sampled at ``taken``
     edge_index, edge : entry of the edge log as of ``taken``; ``edge`` follows the index by a clock
+    moving : strobe: the link took a byte
     damaged_commands, line_errors : for the header
     frames, dropped : images seen, and those of them that were dropped
     number : of the image that began last
@@ -60,6 +63,7 @@ class FrameBuffer(wiring.Component):
                 "motion": In(MotionFacts),
                 "edge_index": Out(range(MAX_EDGES)),
                 "edge": In(Edge),
+                "moving": In(1),
                 "damaged_commands": In(16),
                 "line_errors": In(16),
                 "frames": Out(32),
@@ -81,15 +85,22 @@ class FrameBuffer(wiring.Component):
         claiming = Signal()  # the buffer whose turn it is
         sending = Signal()
 
-        accepts = Signal()
-        accepted = Signal()  # the present image has a buffer
+        moved = Signal()  # since the first pixel of the image before
+        free, gives_way = Signal(), Signal()  # the buffer whose turn it is; the one that waits behind it
+        accepts, accepted = Signal(), Signal()  # an image that begins now has a buffer; the present one has
+        into, filling = Signal(), Signal()  # which
         m.d.comb += [
-            accepts.eq(~busy.bit_select(claiming, 1)),
+            free.eq(~busy.bit_select(claiming, 1)),
+            gives_way.eq(~free & ~moved & complete.bit_select(~sending, 1)),
+            accepts.eq(free | gives_way),
+            into.eq(Mux(free, claiming, ~sending)),
             self.take.eq(self.frame_end & accepted),
             rows.frame_first.eq(self.frame_first),
             rows.accepted.eq(accepts),
+            rows.into.eq(into),
             rows.vision.eq(self.vision),
             header.take.eq(self.take),
+            header.into.eq(filling),
             header.image.eq(self.image),
             header.number.eq(self.number),
             header.taken.eq(self.taken),
@@ -118,16 +129,17 @@ class FrameBuffer(wiring.Component):
         with m.If(reader.done):
             m.d.sync += sending.eq(~sending)
         with m.If(self.frame_first):
-            m.d.sync += [self.number.eq(self.frames), accepted.eq(accepts)]
-            with m.If(accepts):
+            m.d.sync += [self.number.eq(self.frames), accepted.eq(accepts), filling.eq(into)]
+            with m.If(free):
                 m.d.sync += claiming.eq(~claiming)
         with m.If(self.frame_first | self.refused):
             m.d.sync += self.frames.eq(self.frames + 1)
-        with m.If((self.frame_first & ~accepts) | self.refused):
+        with m.If((self.frame_first & ~free) | self.refused):
             m.d.sync += self.dropped.eq(self.dropped + 1)
+        m.d.sync += moved.eq(self.moving | (moved & ~self.frame_first))
         for bank in range(2):
-            with m.If(self.frame_first & accepts & (claiming == bank)):
-                m.d.sync += busy[bank].eq(1)
+            with m.If(self.frame_first & accepts & (into == bank)):
+                m.d.sync += [busy[bank].eq(1), filled[bank].eq(0), complete[bank].eq(0)]
             with m.If(rows.filled & (rows.filled_bank == bank)):
                 m.d.sync += filled[bank].eq(1)
             with m.If(header.complete & (header.complete_bank == bank)):

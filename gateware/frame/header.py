@@ -12,7 +12,7 @@ from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, WORDS, ImageFacts, Motio
 
 
 class HeaderStore(wiring.Component):
-    """Puts the headers of frames together, in two banks in turn, as 32-bit words.
+    """Puts the headers of frames together, each in one of two banks, as 32-bit words.
 
     A header's parts come at three moments: ``take``, later ``taken``, and ``filled`` before or after
     it. Edges are copied from ``taken`` on, the header from the later of the two moments on.
@@ -22,7 +22,7 @@ class HeaderStore(wiring.Component):
 
     Members
     -------
-    take : strobe: an accepted image ends
+    take, into : strobe: an accepted image ends; its bank, which is not that of a header still to be completed
     image, number : sampled then
     taken : strobe for each ``take``, in order: its motion is known
     motion, dropped, damaged_commands, line_errors : sampled then
@@ -38,6 +38,7 @@ class HeaderStore(wiring.Component):
     copy_clocks = EDGE_WORDS * MAX_EDGES + HEADER_WORDS + 6
 
     take: In(1)
+    into: In(1)
     image: In(ImageFacts)
     number: In(32)
     taken: In(1)
@@ -67,11 +68,8 @@ class HeaderStore(wiring.Component):
 
         images = [Signal(ImageFacts, name=f"image{bank}") for bank in range(2)]
         numbers = [Signal(32, name=f"number{bank}") for bank in range(2)]
-        taking = Signal()
-        with m.If(self.take):
-            m.d.sync += taking.eq(~taking)
         for bank in range(2):
-            with m.If(self.take & (taking == bank)):
+            with m.If(self.take & (self.into == bank)):
                 m.d.sync += [images[bank].eq(self.image), numbers[bank].eq(self.number)]
             m.d.comb += self.form[bank].eq(images[bank].form)
 
@@ -86,7 +84,17 @@ class HeaderStore(wiring.Component):
                 lost.eq(self.line_errors),
             ]
 
+        # Banks whose motion is to come, the oldest lowest.
+        queue, waiting = Signal(2), Signal(range(3))
+        rest, left = Signal(2), Signal(range(3))
+        m.d.comb += [rest.eq(Mux(self.taken, queue >> 1, queue)), left.eq(waiting - self.taken)]
+        m.d.sync += [queue.eq(rest), waiting.eq(left + self.take)]
+        with m.If(self.take):
+            m.d.sync += queue.bit_select(left[0], 1).eq(self.into)
+
         copying = Signal()  # bank
+        with m.If(self.taken):
+            m.d.sync += copying.eq(queue[0])
         image = Signal(ImageFacts)
         number = Signal(32)
         rows = Signal(RowFacts)
@@ -160,7 +168,7 @@ class HeaderStore(wiring.Component):
                     m.next = "Complete"
 
             with m.State("Complete"):
-                m.d.sync += [self.complete.eq(1), self.complete_bank.eq(copying), copying.eq(~copying)]
+                m.d.sync += [self.complete.eq(1), self.complete_bank.eq(copying)]
                 for bank in range(2):
                     with m.If(copying == bank):
                         m.d.sync += self.edges[bank].eq(motion.edges)

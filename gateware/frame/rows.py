@@ -1,7 +1,7 @@
 """The rows of two frames."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
@@ -10,7 +10,7 @@ from .facts import RowFacts, VisionFacts
 
 
 class RowStore(wiring.Component):
-    """Writes the rows of images that were accepted into two banks in turn.
+    """Writes the rows of images that were accepted into one of two banks.
 
     Results may come after the next image has begun: images are matched to results by their order.
 
@@ -22,8 +22,8 @@ class RowStore(wiring.Component):
 
     Members
     -------
-    frame_first, accepted : strobe of each image's first pixel, and whether its rows are to be kept; at most
-        two images are between their first pixel and ``rows.frame_end``
+    frame_first, accepted, into : strobe of each image's first pixel, whether its rows are to be kept, and in which
+        bank; at most two images are between their first pixel and ``rows.frame_end``
     rows, vision : results; ``vision`` as of ``rows.frame_end``
     filled, filled_bank : strobe: the rows of an accepted image are complete in this bank
     facts : of each bank, since ``filled``
@@ -44,6 +44,7 @@ class RowStore(wiring.Component):
             {
                 "frame_first": In(1),
                 "accepted": In(1),
+                "into": In(1),
                 "rows": In(Rows()),
                 "vision": In(VisionFacts),
                 "filled": Out(1),
@@ -61,32 +62,32 @@ class RowStore(wiring.Component):
         write = memory.write_port()
         read = memory.read_port()
 
-        # Images whose results are to come, the oldest lowest: whether each was accepted.
-        queue = Signal(2)
+        # Images whose results are to come, the oldest first: whether each was accepted, and its bank.
+        expected = data.ArrayLayout(data.StructLayout({"accepted": 1, "bank": 1}), 2)
+        queue = Signal(expected)
         waiting = Signal(range(3))
         finished = Signal()
-        rest = Signal(2)
+        rest = Signal(expected)
         left = Signal(range(3))
         m.d.comb += [
             finished.eq(self.rows.frame_end & (waiting != 0)),
-            rest.eq(Mux(finished, queue >> 1, queue)),
+            rest.eq(Mux(finished, queue.as_value() >> 2, queue)),
             left.eq(waiting - finished),
         ]
-        m.d.sync += [
-            queue.eq(rest | ((self.frame_first & self.accepted) << left)),
-            waiting.eq(left + self.frame_first),
-        ]
+        m.d.sync += [queue.eq(rest), waiting.eq(left + self.frame_first)]
+        with m.If(self.frame_first):
+            m.d.sync += [queue[left[0]].accepted.eq(self.accepted), queue[left[0]].bank.eq(self.into)]
 
-        filling = Signal()  # bank of the oldest
+        filling = queue[0].bank
         stored = Signal(range(self.max_rows + 1))
         lost = Signal()
         result = self.rows.row.payload
-        wanted = self.rows.row.valid & (waiting != 0) & queue[0]
+        wanted = self.rows.row.valid & (waiting != 0) & queue[0].accepted
         m.d.sync += [
             write.en.eq(wanted & (result.row < self.max_rows)),
             write.addr.eq(Cat(result.row[: (self.max_rows - 1).bit_length()], filling)),
             write.data.eq(result.record),
-            self.filled.eq(finished & queue[0]),
+            self.filled.eq(finished & queue[0].accepted),
             self.filled_bank.eq(filling),
         ]
         with m.If(wanted):
@@ -96,8 +97,7 @@ class RowStore(wiring.Component):
                 m.d.sync += lost.eq(1)
         with m.If(finished):
             m.d.sync += [stored.eq(0), lost.eq(0)]
-            with m.If(queue[0]):
-                m.d.sync += filling.eq(~filling)
+            with m.If(queue[0].accepted):
                 for bank, facts in enumerate(self.facts):
                     with m.If(filling == bank):
                         m.d.sync += [

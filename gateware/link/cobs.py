@@ -25,6 +25,8 @@ class CobsEncoder(wiring.Component):
     Throughput: a byte a clock, code bytes and delimiters included. Latency: a block leaves when it is
     complete; its code byte 2 clocks later.
 
+    After reset a lone zero byte leaves first: it ends the packet that a reset may have cut off.
+
     Members
     -------
     i : packets of at least one byte
@@ -85,7 +87,7 @@ class CobsEncoder(wiring.Component):
         leaving = Signal(block)
         advance = Signal()
         done = Signal()
-        fetched = Signal(data.StructLayout({"valid": 1, "stored": 1, "byte": 8}))
+        fetched = Signal(data.StructLayout({"valid": 1, "stored": 1, "byte": 8}), init={"valid": 1})
         delimiter = at == leaving.code
         m.d.comb += [
             leaving.eq(Mux(taking, blocks[1], blocks[0])),

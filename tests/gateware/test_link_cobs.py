@@ -13,9 +13,9 @@ NONZERO = bytes(n % 255 + 1 for n in range(600))
 
 
 def encode(packets, *, send_stall=0.0, receive_stall=0.0, seed=0, clocks=None):
-    """What the encoder makes of ``packets``."""
+    """What the encoder makes of ``packets``, without the zero that comes first."""
     dut = CobsEncoder()
-    wire = b"".join(cobs_encode(packet) + b"\0" for packet in packets)
+    wire = b"\0" + wire_of(packets)
     got = bytearray()
 
     async def source(ctx):
@@ -28,7 +28,8 @@ def encode(packets, *, send_stall=0.0, receive_stall=0.0, seed=0, clocks=None):
             assert not ctx.get(dut.o.valid)
 
     simulate(dut, sink, source, clocks=clocks or 10 * len(wire) + 2000)
-    return bytes(got)
+    assert got[0] == 0
+    return bytes(got[1:])
 
 
 def wire_of(packets):
@@ -70,7 +71,7 @@ def test_encodes_a_byte_a_clock():
     async def sink(ctx):
         nonlocal clocks
         ctx.set(dut.o.ready, 1)
-        left = len(cobs_encode(packet)) + 1
+        left = len(cobs_encode(packet)) + 2  # with the zero that comes first
         while left:
             clocks += 1
             _, _, valid = await ctx.tick().sample(dut.o.valid)
@@ -78,7 +79,7 @@ def test_encodes_a_byte_a_clock():
 
     simulate(dut, sink, source, clocks=4 * len(packet))
     # The first block is collected before it leaves; the encoding is a little longer than the packet.
-    assert clocks <= len(cobs_encode(packet)) + 1 + 254 + 4
+    assert clocks <= len(cobs_encode(packet)) + 2 + 254 + 4
 
 
 def decode(wire, *, send_stall=0.0, ready=1.0, seed=0):
