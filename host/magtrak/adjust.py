@@ -11,7 +11,11 @@ from .settings import Encoder, Settings, Values
 from .settings_file import CHOICES, DETECTORS, parse_settings
 
 # Where a setting has its default, what it moves shows only when it is given another value: one of these will do.
-_PROBES: tuple[Any, ...] = (0, 1, 2, 0.5, True, False, [10.0, 20.0], [0.1, 0.9], [1.0, 0.0, 0.0], *DETECTORS, *CHOICES)
+_PROBES: tuple[Any, ...] = (
+    *(0, 1, 2, 0.5, True, False, [10.0, 20.0], [0.1, 0.9], [1.0, 0.0, 0.0], [-1.5, 1.5, 0.7]),
+    *DETECTORS,
+    *CHOICES,
+)
 _SECTIONS = ("gate", "weight", "runs", "region", "camera", "peak", "encoder")
 
 
@@ -61,7 +65,8 @@ def _setting(name: str, value: str, clock_hz: float, counts_per_turn: int) -> Va
     except tomllib.TOMLDecodeError:
         parsed = value  # a word without quotes
     wanted = _values(section, key, parsed, clock_hz, counts_per_turn)
-    moved: set[str] = set()
+    default = _registers({}, section, clock_hz, counts_per_turn)
+    moved = {register_name for register_name, words in default.items() if wanted[register_name] != words}
     for probe in _PROBES:
         try:
             other = _values(section, key, probe, clock_hz, counts_per_turn)
@@ -74,7 +79,11 @@ def _setting(name: str, value: str, clock_hz: float, counts_per_turn: int) -> Va
 
 
 def _values(section: str, key: str, value: Any, clock_hz: float, counts_per_turn: int) -> dict[str, Sequence[int]]:
-    settings: Settings = parse_settings({section: {key: value}}, "magtrak set")
+    return _registers({section: {key: value}}, section, clock_hz, counts_per_turn)
+
+
+def _registers(values: Any, section: str, clock_hz: float, counts_per_turn: int) -> dict[str, Sequence[int]]:
+    settings: Settings = parse_settings(values, "magtrak set")
     if section != "encoder":
         settings = replace(settings, encoder=Encoder(counts_per_turn=counts_per_turn))
     return dict([*settings.register_values(clock_hz), *settings.tables()])

@@ -89,8 +89,6 @@ def _port(port: str, baud: int, system: System) -> Iterator[Finding]:
         return
     yield from _latency(port, system)
     others = [(pid, name) for pid, name in users(port) if pid != os.getpid()]
-    # A virtual card holds the host's side of its own port open.
-    others = [(pid, name) for pid, name in others if not (is_pseudo_terminal(port) and name == "magtrak-sim")]
     if others:
         names = ", ".join(f"{name} (process {pid})" for pid, name in others)
         yield Finding(port, False, f"is in use by {names}: end that first")

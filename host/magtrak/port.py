@@ -46,16 +46,26 @@ def open_port(port: str, baud: int = BAUD, write_timeout_s: float = 2.0) -> seri
 
 
 def users(port: str) -> list[tuple[int, str]]:
-    """Process number and name of each program that has the port open, as far as this user may see them."""
+    """Process number and name of each program that has the port open, as far as this user may see them.
+
+    Not the processes that such a program started, and not a virtual card, which has its own port open on both sides.
+    """
     wanted = os.path.realpath(port)
-    found = []
+    found: dict[int, tuple[str, int]] = {}
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             if any(os.path.realpath(file) == wanted for file in (entry / "fd").iterdir()):
-                found.append((int(entry.name), (entry / "comm").read_text().strip()))
+                name = (entry / "comm").read_text().strip()
+                # The parent is the second field behind the name, which may hold anything.
+                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                found[int(entry.name)] = name, parent
         except OSError:  # another user's, or ended meanwhile
             continue
-    return found
+    return [
+        (pid, name)
+        for pid, (name, parent) in found.items()
+        if parent not in found and not (is_pseudo_terminal(port) and name == "magtrak-sim")
+    ]
 
 
 def _cure(error: BaseException, port: str) -> str:

@@ -29,6 +29,7 @@ class FakeCard:
     cut_after : close in the middle of the frame of this number
     chatter : bytes to send all the time instead of answering anything
     line : what becomes of the bytes on the line, in each direction
+    skip_sequence_at : sequence number after which one is left out
     reset_in : reset in the middle of the frame of this number, and be a card after power-up from then on
 
     Attributes
@@ -52,6 +53,7 @@ class FakeCard:
         chatter: bytes = b"",
         line: Callable[[bytes], bytes] | None = None,
         reset_in: int | None = None,
+        skip_sequence_at: int | None = None,
     ) -> None:
         self.payloads = list(payloads)
         self.frame_s = frame_s
@@ -62,6 +64,7 @@ class FakeCard:
         self.chatter = chatter
         self.line = line or (lambda data: data)
         self.reset_in = reset_in
+        self.skip_sequence_at = skip_sequence_at
         self._known = {
             "magic": protocol.MAGIC,
             "version": protocol.VERSION,
@@ -163,7 +166,7 @@ class FakeCard:
         return self._packet(PacketType.FRAME, protocol.FRAME.pack(head) + payload[protocol.FRAME.size :])
 
     def _packet(self, kind: PacketType, payload: bytes) -> bytes:
-        self._sequence += 1
+        self._sequence += 1 + (self._sequence == self.skip_sequence_at)
         return frame_packet(Packet(kind, (self._sequence - 1) & 0xFFFF, payload))
 
     def _answer(self, packet: Packet) -> None:
