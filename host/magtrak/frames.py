@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import protocol
-from .arrays import Booleans, Floats, Integers
+from .arrays import Booleans, Floats, Integers, Numbers
 from .protocol import FieldParity, Layout, RowForm
 
 _ROWS = {RowForm.COMPACT: protocol.COMPACT_ROW, RowForm.FULL: protocol.FULL_ROW}
@@ -84,6 +84,8 @@ def unpack_records(layout: Layout, data: bytes | memoryview, count: int) -> dict
 
     Fields are at most 63 bits wide when unsigned, 64 when signed, as int64 holds them.
     """
+    if layout.size == 4:
+        return _unpack_words(layout, np.frombuffer(data, "<u4", count))
     words = -(-layout.size // 8)
     padded = np.zeros((count, 8 * words), np.uint8)
     padded[:, : layout.size] = np.frombuffer(data, np.uint8, count * layout.size).reshape(count, layout.size)
@@ -101,6 +103,19 @@ def unpack_records(layout: Layout, data: bytes | memoryview, count: int) -> dict
         value = value << np.uint64(spare)
         number = value.view(np.int64) >> spare if field.signed else (value >> np.uint64(spare)).astype(np.int64)
         fields[field.name] = np.asarray(number, dtype=np.int64)
+    return fields
+
+
+def _unpack_words(layout: Layout, word: Numbers) -> dict[str, Integers]:
+    """As :func:`unpack_records`, for records of 32 bits without signed fields."""
+    fields = {}
+    for offset, field in layout:
+        assert not field.signed
+        value = word >> np.uint32(offset) if offset else word
+        if offset + field.bits < 32:
+            value = value & np.uint32((1 << field.bits) - 1)
+        if not field.reserved:
+            fields[field.name] = value.astype(np.int64)
     return fields
 
 

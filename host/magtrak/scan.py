@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .angle import AngleTracker, RowAngles, bare_angles
-from .arrays import Records
+from .arrays import Booleans, Records
 from .calibration import Calibration
 from .cloud.points import POINT
 from .errors import CalibrationError, CardResetError
@@ -165,26 +165,34 @@ class Scan:
         rows = frame.rows
         grade = quality(rows.peak, rows.width_px, rows.ambiguous, rows.saturated, rows.cut, rows.overflow)
         use = rows.valid & (grade >= self.min_quality)
-        self.counts.poor += int((rows.valid & ~use).sum())
-        alpha = self.calibration.laser.alpha(angles.counts[use])
+        self.counts.poor += int(np.count_nonzero(rows.valid)) - int(np.count_nonzero(use))
+        some = _all_or(use)
+        column, row, counts = rows.column_px[some], rows.row[some], angles.counts[some]
+        alpha = self.calibration.laser.alpha(counts)
         normals, offsets = self.calibration.laser.planes(alpha)
-        directions = self._camera.ray(rows.column_px[use], rows.row[use].astype(np.float64))
+        directions = self._camera.ray(column, row.astype(np.float64))
         found = triangulate(self._camera.centre, directions, normals, offsets, self.min_sine)
         self.counts.parallel += found.parallel
         self.counts.behind += found.behind
-        good = np.flatnonzero(use)[found.valid]
+        good = _all_or(found.valid)
+        where = found.points[good]
         start = frame.header["first_time"] - self._first.header["first_time"]
-        points = np.zeros(len(good), POINT)
-        points["x"], points["y"], points["z"] = found.points[found.valid].T
-        points["intensity"] = rows.peak[good] / 255
-        points["quality"] = grade[good]
+        points = np.zeros(len(where), POINT)
+        points["x"], points["y"], points["z"] = where.T
+        points["intensity"] = rows.peak[some][good] / 255
+        points["quality"] = grade[some][good]
         points["scalar_frame"] = self._number(frame)
-        points["scalar_row"] = rows.row[good]
-        points["scalar_column"] = rows.column_px[good]
-        points["scalar_angle"] = alpha[found.valid]
-        points["scalar_width"] = rows.width_px[good]
-        points["scalar_time"] = self._time_base_s + (start + frame.row_times()[good]) / self.clock_hz
+        points["scalar_row"] = row[good]
+        points["scalar_column"] = column[good]
+        points["scalar_angle"] = alpha[good]
+        points["scalar_width"] = rows.width_px[some][good]
+        points["scalar_time"] = self._time_base_s + (start + frame.row_times()[some][good]) / self.clock_hz
         self.counts.points += len(points)
-        self.counts.standing += int(angles.standing[good].sum())
+        self.counts.standing += int(np.count_nonzero(angles.standing[some][good]))
         if len(points):
             self.chunks.append(points)
+
+
+def _all_or(mask: Booleans) -> Booleans | slice:
+    """A mask as an index; where it leaves nothing out, a slice, which copies nothing."""
+    return slice(None) if mask.all() else mask
