@@ -99,7 +99,7 @@ def _port(port: str, baud: int, system: System) -> Iterator[Finding]:
             size = f"{card.identity.max_columns} x {card.identity.max_rows}"
             yield Finding(port, True, f"card {card.identity.serial_text}, images up to {size}")
             yield from _traffic(card)
-            yield from _state(State.read(card))
+            yield from _state(State.read(card), virtual=is_pseudo_terminal(port))
     except MagtrakError as error:
         yield Finding(port, False, _other_baud(port, baud) or str(error))
 
@@ -161,13 +161,14 @@ def _traffic(card: Card) -> Iterator[Finding]:
     yield Finding("answers", answer_s < SLOW_ANSWER_S, f"{1e3 * answer_s:.1f} ms" if answer_s < SLOW_ANSWER_S else slow)
 
 
-def _state(state: State) -> Iterator[Finding]:
-    """What the card's own counters and states tell."""
+def _state(state: State, *, virtual: bool) -> Iterator[Finding]:
+    """What the card's own counters and states tell. A virtual card shows no image before it is asked to measure."""
     values = state.values
+    waiting = virtual and not values["run"]
     looks = (
         (
             "images",
-            values["frames"] > 0,
+            values["frames"] > 0 or waiting,
             f"{values['frames']} seen, {values['dropped']} dropped because nobody read them in time",
             "none seen since the card's reset: check the camera's cable and power, and that it runs",
         ),

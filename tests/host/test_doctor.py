@@ -35,7 +35,7 @@ def test_a_card_that_is_well(system: System) -> None:
 
 
 def test_a_card_with_troubles(system: System) -> None:
-    known = {"camera_errors": 0b1001, "encoder_errors": 3, "safety": 0x0101_0000}
+    known = {"run": 1, "camera_errors": 0b1001, "encoder_errors": 3, "safety": 0x0101_0000}
     with FakeCard(identity=known) as card:
         bad = {what: one.text for what, one in found(card.port, system).items() if not one.well}
     assert set(bad) == {"images", "camera", "encoder", "interlock", "motor"}

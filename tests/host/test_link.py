@@ -173,8 +173,8 @@ PROGRAM = """
 import sys, time
 from magtrak.link import Link
 link = Link(sys.argv[1])
-print(link.reader_pid, flush=True)
 try:
+    print(link.reader_pid, flush=True)
     while True:
         link.receive(0.1)
 except KeyboardInterrupt:

@@ -134,8 +134,9 @@ def test_what_is_no_recording(tmp_path: Path) -> None:
 def test_a_killed_program_leaves_a_recording(receiver: Receiver) -> None:
     with FakeCard(wall(100), frame_s=0.03, loop_for_ever=True) as card:
         process = subprocess.Popen(receiver.command(card.port, "--record", "scan.mcap"), cwd=receiver.folder)
-        time.sleep(3.5)
-        sent = card.frames_sent
+        deadline = time.monotonic() + 60
+        while (sent := card.frames_sent) < 70 and time.monotonic() < deadline:
+            time.sleep(0.01)
         process.send_signal(signal.SIGKILL)
         process.wait()
     assert not (receiver.folder / "cloud.ply").exists()
@@ -143,7 +144,7 @@ def test_a_killed_program_leaves_a_recording(receiver: Receiver) -> None:
     assert done.returncode == 0
     assert "scan.mcap was cut short; repaired" in done.stderr
     frames = int(done.stdout.split()[0])
-    assert frames >= sent - 25, f"{frames} of {sent} frames"  # half a second and a bit
+    assert frames >= sent - 50, f"{frames} of {sent} frames"  # half a second of 33 frames/s, and time to decode them
     assert "0 lost frames (0 dropped by the card), 0 damaged" in done.stdout
 
 
