@@ -24,7 +24,7 @@ resets some devices."""
 PORTS_VARIABLE = "MAGTRAK_PORTS"
 """Environment variable with more ports to look at, as those of virtual cards, separated as in PATH."""
 
-GREETING_S = 0.3
+GREETING_S = 0.5
 """For an answer; a card needs a millisecond, the USB adapter 16."""
 
 

@@ -36,7 +36,7 @@ def test_a_card_that_is_well(system: System) -> None:
 
 def test_a_card_with_troubles(system: System) -> None:
     known = {"run": 1, "camera_errors": 0b1001, "encoder_errors": 3, "safety": 0x0101_0000}
-    with FakeCard(identity=known) as card:
+    with FakeCard(identity=known, loop_for_ever=True) as card:
         bad = {what: one.text for what, one in found(card.port, system).items() if not one.well}
     assert set(bad) == {"images", "camera", "encoder", "interlock", "motor"}
     assert "(blanking, row_length)" in bad["camera"]
