@@ -221,7 +221,9 @@ class Card:
             self.clock.reset()
         self._card_time_s = card_s
         self.clock.add(card_s, arrival_s)
-        self.delays_s.append(self.clock.delay_s(card_s, arrival_s) or 0.0)
+        delay_s = self.clock.delay_s(card_s, arrival_s)
+        if delay_s is not None:
+            self.delays_s.append(delay_s)
 
     def _keep_lease(self) -> None:
         """Any intact command renews the lease; the one that asks how laser and motor are. The answer is not waited

@@ -19,6 +19,10 @@ MAX_DRIFT = 500e-6
 """Crystals differ by 100 ppm at most: an edge steeper than this is from too short a time, and no drift is told."""
 
 
+NOT_REAL_TIME = 0.02
+"""A card whose clock is off by more than this for more than a second is a virtual one that does not keep pace."""
+
+
 @dataclass(frozen=True)
 class Mapping:
     """Host time = ``offset_s`` + (1 + ``drift``) * card time.
@@ -75,7 +79,7 @@ class CardClock:
 
     @property
     def mapping(self) -> Mapping | None:
-        """The best so far; None before the first packet."""
+        """The best so far; None before the first packet, and for a card that does not keep pace with the wall clock."""
         hull = self._hull
         if not hull:
             return None
@@ -85,6 +89,8 @@ class CardClock:
                 drift = (right[1] - left[1]) / (right[0] - left[0])
                 if abs(drift) <= MAX_DRIFT:
                     return Mapping(self._epoch_s + left[1] - drift * left[0], drift)
+                if abs(drift) > NOT_REAL_TIME and hull[-1][0] - hull[0][0] > 1.0:
+                    return None
         return Mapping(self._epoch_s + min(offset for _, offset in hull), 0.0)
 
     def delay_s(self, card_s: float, arrival_s: float) -> float | None:

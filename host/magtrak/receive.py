@@ -6,6 +6,7 @@ from pathlib import Path
 
 from .calibration import Calibration
 from .cloud.ply import write_ply
+from .discover import resolve
 from .errors import OutputError, SettingsError
 from .receiver import Interrupt, Limits, Receiver
 from .recording import Recorder, require_mcap
@@ -51,7 +52,11 @@ def receive(
         options = {"angle": "bare" if bare else "rows", "min_quality": repr(min_quality)}
         return Recorder(record, calibration.read_text(encoding="utf-8"), settings_text(settings), options)
 
-    receiver.connect(port, recorder)
+    try:
+        receiver.connect(resolve(port, baud), recorder)
+    except BaseException:
+        receiver.discard()
+        raise
     try:
         scan = Scan(loaded, receiver.card.identity.clock_hz, bare=bare, min_quality=min_quality)
         with Interrupt() as interrupt:

@@ -91,6 +91,11 @@ class Receiver:
             raise
         self._open = True
 
+    def discard(self) -> None:
+        """No card was found: leave no recording."""
+        if self._recorder is not None:
+            self._recorder.discard()
+
     def run(self, scan: Scan, interrupt: Interrupt) -> MagtrakError | None:
         """Take frames until the end; gives what went wrong."""
         self._begun_s = time.monotonic()
@@ -110,9 +115,12 @@ class Receiver:
             self.card.stop()
         self.close()
         scan.finish()
-        if self._recorder is not None:
-            self._recorder.event("end", frames=scan.counts.frames)
-            self._recorder.close()
+        try:
+            if self._recorder is not None:
+                self._recorder.event("end", frames=scan.counts.frames)
+                self._recorder.close()
+        except MagtrakError as error:  # a full disk, which most likely was the failure before
+            failure = failure or error
         return failure
 
     def close(self) -> None:

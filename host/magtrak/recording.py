@@ -147,11 +147,15 @@ class Recorder:
 
     def close(self) -> None:
         """Complete the file."""
-        with _Guard(self.path):
+        with _Guard(self.path), self._file:
             self._writer.finish()
             self._file.flush()
             os.fsync(self._file.fileno())
-            self._file.close()
+
+    def discard(self) -> None:
+        """Remove the file: nothing was measured."""
+        self._file.close()
+        self.path.unlink(missing_ok=True)
 
     def _status(self, message: str, values: Mapping[str, str], warn: bool) -> None:
         types = self._store.types

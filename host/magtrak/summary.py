@@ -55,7 +55,8 @@ def summary(counts: Counts, link: Statistics, damaged_frames: int, card: Card | 
     }
     if card is not None and counts.frames:
         parts.append(f"{counts.frames / seconds:.1f} frames/s at {link.bytes / seconds / 1e3:.0f} kB/s")
-        parts.append(f"frames late by {1e3 * median(card.delays_s):.1f} ms (median)")
+        if card.clock.mapping is not None:
+            parts.append(f"frames late by {1e3 * median(card.delays_s):.1f} ms (median)")
     if card is not None and card.round_trips_s:
         parts.append(f"answers in {1e3 * median(card.round_trips_s):.1f} ms")
     return ", ".join(parts + [f"{number} {what}" for what, number in more.items() if number])

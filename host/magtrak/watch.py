@@ -61,11 +61,11 @@ class Watch:
         self._first_images = images if self._first_images is None else self._first_images
         frame_rate, byte_rate = self._rates.update(now, self._frames, self.card.link.statistics.bytes)
         image_rate, _ = self._images.update(now, images - self._first_images, 0)
-        late, answer = 1e3 * median(self.card.delays_s), 1e3 * median(self.card.round_trips_s)
-        return state, (
-            f"{image_rate:.1f} images/s, {frame_rate:.1f} frames/s, {byte_rate / 1e3:.0f} kB/s, frames late by"
-            f" {late:.1f} ms, answers in {answer:.1f} ms"
-        )
+        parts = [f"{image_rate:.1f} images/s", f"{frame_rate:.1f} frames/s", f"{byte_rate / 1e3:.0f} kB/s"]
+        if self._frames and self.card.clock.mapping is not None:
+            parts.append(f"frames late by {1e3 * median(self.card.delays_s):.1f} ms")
+        parts.append(f"answers in {1e3 * median(self.card.round_trips_s):.1f} ms")
+        return state, ", ".join(parts)
 
     def _losses(self, state: State) -> str:
         link = self.card.link.statistics

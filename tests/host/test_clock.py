@@ -68,6 +68,13 @@ def test_first_packets_and_a_reset() -> None:
     assert clock.mapping.text(1.0) == "1970-01-01T00:03:21.000000+00:00"
 
 
+def test_a_virtual_card_that_does_not_keep_pace_has_no_such_time() -> None:
+    clock = CardClock(epoch_s=0.0)
+    for number in range(200):
+        clock.add(number / 60, 8 * number / 60)
+    assert clock.mapping is None
+
+
 def test_it_stays_small() -> None:
     clock = CardClock(epoch_s=0.0)
     for card_s, arrival_s in arrivals(np.random.default_rng(1), 20_000, 1e-5, 0.0):

@@ -82,8 +82,9 @@ def test_a_plug_that_gives_back_what_it_gets() -> None:
 
 def test_a_card_of_another_version_is_named_by_the_command(receiver: Receiver) -> None:
     with FakeCard(identity={"version": protocol.VERSION + 1}) as card:
-        said = receiver.fails(card.port)
+        said = receiver.fails(card.port, "--record", "scan.mcap")
     assert "update magtrak on this computer" in said
+    assert not (receiver.folder / "scan.mcap").exists()
     assert not receiver.cloud.exists()
 
 

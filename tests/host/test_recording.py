@@ -1,5 +1,7 @@
 """Recordings: replayed to the same cloud, cut short anywhere, damaged."""
 
+import errno
+import io
 import json
 import random
 import signal
@@ -7,12 +9,15 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
 from magtrak.cloud.ply import read_ply
+from magtrak.errors import OutputError
+from magtrak.receive import Limits, receive
 from magtrak.replay import Recording, RecordingError, Replay, open_recording
 from magtrak.scan import Scan
 from tests.host.test_receive import Receiver, wall
@@ -174,6 +179,36 @@ def test_a_card_that_comes_back_is_one_scan_and_replays_the_same(receiver: Recei
     done = magtrak(receiver.folder, "replay", "scan.mcap", "--output", "again.ply")
     assert done.returncode == 0, done.stderr
     assert read_ply(receiver.folder / "again.ply").tobytes() == cloud.tobytes()
+
+
+def test_a_full_disk_ends_the_scan_and_leaves_the_cloud(receiver: Receiver, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Full(io.FileIO):
+        def write(self, data: Any) -> int:
+            if self.tell() > 10_000:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return super().write(data)
+
+    opened = Path.open
+
+    def open_file(path: Path, *more: Any, **by: Any) -> Any:
+        return Full(path, "wb") if path.suffix == ".mcap" else opened(path, *more, **by)
+
+    monkeypatch.setattr(Path, "open", open_file)
+    monkeypatch.chdir(receiver.folder)
+    with (
+        FakeCard(wall(60), frame_s=0.03) as card,
+        pytest.raises(OutputError, match="No space left on device; the cloud so far"),
+    ):
+        receive(
+            port=card.port,
+            baud=3_000_000,
+            calibration=Path("rig.json"),
+            settings="green",
+            output=Path("cloud.ply"),
+            record=Path("scan.mcap"),
+            limits=Limits(),
+        )
+    assert len(read_ply(receiver.cloud)) >= 48 * 5
 
 
 def test_nothing_is_lost_that_came_before_a_limit_or_a_bad_frame(receiver: Receiver) -> None:

@@ -9,7 +9,7 @@ PATH = click.Path(path_type=Path)
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="magtrak")
-@click.option("--port", required=True, help="Serial port of the card, or the virtual card's link.")
+@click.option("--port", required=True, help="Serial port or serial number of the card, or the virtual card's link.")
 @click.option("--calibration", required=True, type=PATH, metavar="FILE.json", help="Calibration of camera and laser.")
 @click.option("--output", required=True, type=PATH, metavar="FILE.ply", help="Where the cloud goes.")
 @click.option("--frames", type=click.IntRange(min=1), metavar="N", help="End after N frames.")
