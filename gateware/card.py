@@ -1,13 +1,15 @@
 """The card on a board: the core with its pins, its clock and its link."""
 
+from collections.abc import Callable
 from typing import Protocol
 
-from amaranth.hdl import Elaboratable, Module, Signal
+from amaranth.hdl import ClockDomain, Elaboratable, Module, Signal
 from amaranth.lib import io
 from amaranth.lib.wiring import connect
 
 from .core import Core
-from .link.uart import UartReceiver, UartTransmitter
+from .link.uart import Uart
+from .link.usb import FULL_SPEED_BYTES, HIGH_SPEED_BYTES, UsbSerial, direct_pins, ulpi
 
 _PINS = {
     "encoder": {"a": "encoder_a", "b": "encoder_b", "index": "index"},
@@ -25,19 +27,66 @@ class Source(Protocol):
     run: Signal
 
 
+Link = Callable[[Module, object, Core], None]
+"""Adds the physical link to a card's module: its pins, and its bytes to and from the core."""
+
+
+def uart(baud: int, *, flow_control: bool = False) -> Link:
+    """A serial line on the board's resource ``uart``: ``rx``, ``tx``, with ``flow_control`` also ``rts``, ``cts``.
+
+    ``baud`` is at most a quarter of the clock.
+    """
+
+    def add(m: Module, platform, core: Core) -> None:
+        port = platform.request("uart", 0, dir="-")
+        line = Uart(round(platform.default_clk_frequency), baud, flow_control=flow_control)
+        m.submodules.uart = line
+        pins = {"rx": "i", "tx": "o"} | ({"rts": "o", "cts": "i"} if flow_control else {})
+        for name, direction in pins.items():
+            m.submodules[f"uart_{name}"] = buffer = io.Buffer(direction, getattr(port, name))
+            m.d.comb += getattr(line, name).eq(buffer.i) if direction == "i" else buffer.o.eq(getattr(line, name))
+        connect(m, line.o, core.rx)
+        connect(m, core.tx, line.i)
+        m.d.comb += [core.line_errors.eq(line.errors), core.link_baud.eq(baud)]
+
+    return add
+
+
+def usb(serial: int, *, high_speed: bool = False) -> Link:
+    """USB CDC-ACM on the board's resource ``usb``, or with ``high_speed`` on ``ulpi``.
+
+    ``serial`` is what the host sees as the device's serial number. The board drives the clocks and resets of the
+    domains that :class:`~gateware.link.usb.UsbSerial` names; with ULPI the PHY does.
+    """
+
+    def add(m: Module, platform, core: Core) -> None:
+        m.domains += [ClockDomain(name) for name in (["usb"] if high_speed else ["usb", "usb_io"])]
+        bus = (ulpi if high_speed else direct_pins)(m, platform)
+        size = HIGH_SPEED_BYTES if high_speed else FULL_SPEED_BYTES
+        m.submodules.usb = port = UsbSerial(bus, f"{serial:016x}", size)
+        connect(m, port.o, core.rx)
+        connect(m, core.tx, port.i)
+
+    return add
+
+
 class Card(Elaboratable):
-    """Asks the board for ``uart``, ``encoder``, ``interlock``, ``motor`` and ``laser``; runs on its default clock.
+    """Asks the board for ``encoder``, ``interlock``, ``motor``, ``laser`` and what the link needs; runs on its clock.
 
     Parameters
     ----------
     source : where the images come from
-    baud : rate of the UART, at most an eighth of the clock
+    link : :func:`uart` or :func:`usb`
+    serial : serial number of the card, 64 bits; 0: it has none
     max_columns, max_rows : as in :class:`~gateware.core.Core`
     """
 
-    def __init__(self, source: Source, *, baud: int, max_columns: int = 2048, max_rows: int = 2048) -> None:
+    def __init__(
+        self, source: Source, link: Link, *, serial: int = 0, max_columns: int = 2048, max_rows: int = 2048
+    ) -> None:
         self.source = source
-        self.baud = baud
+        self.link = link
+        self.serial = serial
         self.core = Core(max_columns, max_rows)
 
     def elaborate(self, platform):
@@ -46,16 +95,8 @@ class Card(Elaboratable):
         m.submodules.source = source = self.source
         connect(m, source.video, core.video)
         clock_hz = round(platform.default_clk_frequency)
-        m.d.comb += [source.run.eq(core.run), core.clock_hz.eq(clock_hz)]
-
-        uart = platform.request("uart", 0, dir="-")
-        m.submodules.rx_pin = rx_pin = io.Buffer("i", uart.rx)
-        m.submodules.tx_pin = tx_pin = io.Buffer("o", uart.tx)
-        m.submodules.receiver = receiver = UartReceiver(clock_hz, self.baud)
-        m.submodules.transmitter = transmitter = UartTransmitter(clock_hz, self.baud)
-        connect(m, receiver.o, core.rx)
-        connect(m, core.tx, transmitter.i)
-        m.d.comb += [receiver.rx.eq(rx_pin.i), tx_pin.o.eq(transmitter.tx)]
+        m.d.comb += [source.run.eq(core.run), core.clock_hz.eq(clock_hz), core.serial.eq(self.serial)]
+        self.link(m, platform, core)
 
         for resource, pins in _PINS.items():
             port = platform.request(resource, 0, dir="-")

@@ -27,6 +27,10 @@ class CobsEncoder(wiring.Component):
 
     After reset a lone zero byte leaves first: it ends the packet that a reset may have cut off.
 
+    Parameters
+    ----------
+    block : bytes that one code byte announces at most; the standard's 254 but for proofs, which need it small
+
     Members
     -------
     i : packets of at least one byte
@@ -36,6 +40,10 @@ class CobsEncoder(wiring.Component):
     i: In(Packets)
     o: Out(Bytes)
 
+    def __init__(self, block: int = BLOCK) -> None:
+        self.block = block
+        super().__init__()
+
     def elaborate(self, platform):
         m = Module()
 
@@ -44,7 +52,8 @@ class CobsEncoder(wiring.Component):
         blocks = [Signal(block, name=f"block{bank}") for bank in range(2)]
         full = Signal(2)
 
-        m.submodules.memory = memory = Memory(shape=8, depth=512, init=[])
+        bits = self.block.bit_length()  # of an address within a bank; address 0 is not used
+        m.submodules.memory = memory = Memory(shape=8, depth=2 << bits, init=[])
         write = memory.write_port()
         read = memory.read_port()
 
@@ -59,7 +68,7 @@ class CobsEncoder(wiring.Component):
         m.d.comb += [
             free.eq(~full.bit_select(bank, 1)),
             self.i.ready.eq(free & ~tail),
-            write.addr.eq(Cat(code, bank)),
+            write.addr.eq(Cat(code[:bits], bank)),
             write.data.eq(self.i.payload.data),
             write.en.eq(self.i.valid & self.i.ready),
         ]
@@ -72,7 +81,7 @@ class CobsEncoder(wiring.Component):
                 m.d.sync += tail.eq(self.i.payload.last)
             with m.Else():
                 m.d.comb += [
-                    close.eq(self.i.payload.last | (code == BLOCK)),
+                    close.eq(self.i.payload.last | (code == self.block)),
                     closed.code.eq(code + 1),
                     closed.last.eq(self.i.payload.last),
                 ]
@@ -83,7 +92,7 @@ class CobsEncoder(wiring.Component):
         # Send: code byte, the block, a delimiter after a packet's last block. Two stages, because the
         # memory's output goes through a register of its own.
         taking = Signal()  # the bank that leaves
-        at = Signal(range(BLOCK + 2))  # next byte of it: 0 is the code byte
+        at = Signal(range(self.block + 2))  # next byte of it: 0 is the code byte
         leaving = Signal(block)
         advance = Signal()
         done = Signal()
@@ -92,7 +101,7 @@ class CobsEncoder(wiring.Component):
         m.d.comb += [
             leaving.eq(Mux(taking, blocks[1], blocks[0])),
             advance.eq(self.o.ready | ~self.o.valid),
-            read.addr.eq(Cat(at[:8], taking)),
+            read.addr.eq(Cat(at[:bits], taking)),
             read.en.eq(advance),
             # After code - 1 bytes the block is out; its delimiter takes one more.
             done.eq((at == Mux(leaving.last, leaving.code, leaving.code - 1)) & full.bit_select(taking, 1)),

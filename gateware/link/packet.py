@@ -155,7 +155,8 @@ class PacketReceiver(wiring.Component):
     Members
     -------
     i : packets; the receiver takes a byte a clock, and waits while a command waits
-    error : strobe from the decoder: forget the packet that was coming
+    error : strobe from the decoder: forget the packet that was coming. While a command is checked or waits, that
+        packet had no byte to show yet
     command : intact commands
     intact : strobe for each one that is not refused
     damaged : packets that were damaged, or that the decoder reported; stays at 65535
@@ -209,7 +210,7 @@ class PacketReceiver(wiring.Component):
                     with m.If(self.i.payload.last):
                         m.next = "Check"
                 with m.If(self.error):
-                    m.d.comb += [damaged.eq(1), crc.start.eq(1), crc.valid.eq(0)]
+                    m.d.comb += [crc.start.eq(1), crc.valid.eq(0)]
                     m.d.sync += size.eq(0)
                     m.next = "Collect"
 
@@ -232,8 +233,9 @@ class PacketReceiver(wiring.Component):
                 m.d.sync += size.eq(0)
                 m.next = "Collect"
 
-        with m.If(damaged & ~self.damaged.all()):
-            m.d.sync += self.damaged.eq(self.damaged + 1)
+        count = Signal(17)
+        m.d.comb += count.eq(self.damaged + (damaged + self.error))
+        m.d.sync += self.damaged.eq(Mux(count[-1], 0xFFFF, count))
 
         return m
 

@@ -88,6 +88,12 @@ def test_every_intact_command_is_answered_in_order_and_damaged_ones_are_counted(
     assert (last["to"], last["value"]) == (99, 40 - len(intact))
 
 
+def test_short_rubbish_right_behind_a_command_is_counted():
+    wire = b"".join(read(sequence, "version") + b"\x05\0\x01\0" for sequence in range(8))
+    *_, last = [ANSWER.unpack(packet.payload) for packet in run(wire + read(99, "damaged_commands"), 9)]
+    assert last["value"] == 16
+
+
 def test_commands_of_unknown_type_or_wrong_length_are_answered():
     wire = protocol.frame_packet(Packet(0xEE, 3, b"abc")) + protocol.frame_packet(Packet(PacketType.WRITE, 4, b"abc"))
     answers = [ANSWER.unpack(packet.payload) for packet in run(wire, 2)]

@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from amaranth.back.rtlil import convert
-from amaranth.hdl import ClockDomain, Module
+from amaranth.hdl import ClockDomain, Module, Value
 from amaranth.lib import wiring
 
 BUILD = Path(__file__).resolve().parents[2] / "build" / "formal"
@@ -45,7 +45,7 @@ def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int 
     m = Module()
     m.domains.sync = sync = ClockDomain(reset_less=True)
     m.submodules.property = component
-    inputs = [value for _, _, value in component.signature.flatten(component)]
+    inputs = [Value.cast(value) for _, _, value in component.signature.flatten(component)]
     rtlil = convert(m, name="top", ports=[sync.clk, *inputs])
     script = "\n".join(
         [
