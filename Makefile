@@ -31,6 +31,7 @@ fuzz: setup ## fuzz for some ten minutes: a million damaged packets, a minute fo
 	for target in decoder settings calibration recording; do \
 	  $(BIN)/python -m tests.fuzz.targets $$target -max_total_time=60 || exit 1; \
 	done
+	$(BIN)/python -m tests.fuzz.gateware --seconds 60
 
 soak: setup ## a hundred thousand frames through the virtual card, every loss accounted for
 	$(BIN)/python -m tests.soak
