@@ -6,6 +6,7 @@ import pty
 import signal
 import subprocess
 import sys
+import termios
 import threading
 import time
 import tty
@@ -13,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import serial
 
 from magtrak.errors import EndOfStreamError, LinkError
 from magtrak.link import Link
@@ -223,6 +225,28 @@ def test_a_reader_that_was_killed_is_an_error_not_a_silence(terminal: tuple[int,
         os.kill(link.reader_pid, signal.SIGKILL)
         with pytest.raises(LinkError, match="the process that read it was ended; start again"):
             link.receive(5)
+
+
+@pytest.mark.parametrize("error", [serial.SerialException("x"), OSError(5, "x"), termios.error(5, "x")])
+def test_an_unplugged_port_is_one_error_with_a_cure_and_loses_nothing(
+    terminal: tuple[int, str], error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    master, name = terminal
+
+    def gone(_: bytes) -> None:
+        raise error
+
+    with Link(name) as link:
+        monkeypatch.setattr(link, "_is_pseudo_terminal", False)  # what follows is of ports on USB
+        os.write(master, b"".join(map(frame_packet, packets(3))))
+        assert link.receive(2) == packets(3)[0]
+        monkeypatch.setattr(link._serial, "write", gone)
+        with pytest.raises(LinkError, match="went away: check cable and power of the card, then start again"):
+            link.send(0x80, b"")
+        os.close(master)
+        assert [link.receive(2) for _ in range(2)] == packets(3)[1:]
+        with pytest.raises(LinkError, match="went away: check cable and power of the card, then start again"):
+            link.receive(2)
 
 
 def test_ports_that_cannot_be_opened(tmp_path: Path) -> None:
