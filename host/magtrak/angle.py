@@ -109,7 +109,8 @@ def interpolate(
 def _curves(t: Floats, p: Floats) -> Floats:
     """For each interval, the open ones included: where it begins, and the coefficients of its polynomial from there."""
     slope, bend = _derivatives(t, p)
-    h, s = np.diff(t), np.diff(p) / np.diff(t)
+    h = t[1:] - t[:-1]
+    s = (p[1:] - p[:-1]) / h
     begin = np.concatenate([t[:1], t])
     c0, c1 = np.concatenate([p[:1], p]), np.concatenate([slope[:1], slope])
     # Hermite's cubic between two edges; the outermost parabolas go on.
@@ -122,19 +123,20 @@ def _derivatives(t: Floats, p: Floats) -> tuple[Floats, Floats]:
     """First and second derivative at each edge of the parabola through it and its neighbours; at an end, of the
     outermost parabola; of a straight line where there are but two edges.
     """
-    h = np.diff(t)
-    s = np.diff(p) / h
+    h = t[1:] - t[:-1]
+    s = (p[1:] - p[:-1]) / h
     if len(s) == 1:
         return np.repeat(s, 2), np.zeros(2)
-    inner = (h[1:] * s[:-1] + h[:-1] * s[1:]) / (h[:-1] + h[1:])
-    bend = 2 * np.diff(s) / (h[:-1] + h[1:])
+    both = h[:-1] + h[1:]
+    inner = (h[1:] * s[:-1] + h[:-1] * s[1:]) / both
+    bend = 2 * (s[1:] - s[:-1]) / both
     slope = np.concatenate([[2 * s[0] - inner[0]], inner, [2 * s[-1] - inner[-1]]])
     return slope, np.concatenate([bend[:1], bend, bend[-1:]])
 
 
 def _standing(t: Floats, times: Floats, quiet_until: float) -> Booleans:
     """Whether each interval but the one before the first edge is so long that the encoder must have stood."""
-    h = np.diff(t)
+    h = t[1:] - t[:-1]
     longer_neighbour = np.maximum(np.concatenate([[0.0], h[:-1]]), np.concatenate([h[1:], [0.0]]))
     inner = (h > STANDSTILL_RATIO * longer_neighbour) & (longer_neighbour > 0)
     after_last = max(quiet_until, float(times.max(initial=0.0))) - t[-1] > STANDSTILL_RATIO * h[-1]
