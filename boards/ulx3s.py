@@ -75,10 +75,9 @@ class UsbClocks(Elaboratable):
             o_CLKOS2=feedback,
             o_LOCK=locked,
         )
-        for domain, clock, clock_hz in (("usb_io", usb_io_clock, 48e6), ("usb", usb_clock, 12e6)):
+        for domain, clock in (("usb_io", usb_io_clock), ("usb", usb_clock)):
             m.d.comb += ClockSignal(domain).eq(clock)
             m.submodules[f"reset_{domain}"] = ResetSynchronizer(~locked, domain=domain)
-            platform.add_clock_constraint(clock, clock_hz)
         return m
 
 

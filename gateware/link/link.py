@@ -1,6 +1,6 @@
 """Both ends of the byte stream: commands in, packets out."""
 
-from amaranth.hdl import Module
+from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out, connect, flipped
@@ -9,6 +9,7 @@ from magtrak.protocol import PacketType
 
 from ..layouts import Bytes, Packets
 from .cobs import CobsDecoder, CobsEncoder
+from .gap import Gap
 from .packet import Answer, AnswerSender, Command, PacketReceiver, PacketSender
 
 ANSWERS = 64
@@ -19,7 +20,8 @@ class Link(wiring.Component):
     """Commands out of bytes; frames and answers into bytes.
 
     Answers go before frames, these before snapshots; each waits for the end of the packet that is being sent. When
-    :data:`ANSWERS` of them wait, commands wait too, and then bytes.
+    :data:`ANSWERS` of them wait, commands wait too, and then bytes. A piece of a snapshot begins only where it fits
+    between two frames, as :class:`~gateware.link.gap.Gap` has it.
 
     Members
     -------
@@ -49,15 +51,28 @@ class Link(wiring.Component):
         m.submodules.sender = sender = PacketSender([PacketType.ANSWER, PacketType.FRAME, PacketType.SNAPSHOT])
         m.submodules.encoder = encoder = CobsEncoder()
 
+        m.submodules.gap = gap = Gap()
+        admitted = Signal()  # a piece, from its beginning to its end
+        with m.If(self.snapshot.valid & self.snapshot.ready & self.snapshot.payload.last):
+            m.d.sync += admitted.eq(0)
+        with m.Elif(self.snapshot.valid & gap.open):
+            m.d.sync += admitted.eq(1)
+
         connect(m, flipped(self.rx), decoder.i)
         connect(m, decoder.o, receiver.i)
         connect(m, receiver.command, flipped(self.command))
         connect(m, answer_sender.o, sender.i[0])
         connect(m, flipped(self.frame), sender.i[1])
-        connect(m, flipped(self.snapshot), sender.i[2])
         connect(m, sender.o, encoder.i)
         connect(m, encoder.o, flipped(self.tx))
         m.d.comb += [
+            sender.i[2].payload.eq(self.snapshot.payload),
+            sender.i[2].valid.eq(self.snapshot.valid & admitted),
+            self.snapshot.ready.eq(sender.i[2].ready & admitted),
+            gap.frame.eq(self.frame.valid),
+            gap.frame_last.eq(self.frame.valid & self.frame.ready & self.frame.payload.last),
+            gap.waits.eq(self.tx.valid),
+            gap.moved.eq(self.tx.valid & self.tx.ready),
             receiver.error.eq(decoder.error),
             self.intact.eq(receiver.intact),
             self.damaged.eq(receiver.damaged),

@@ -23,7 +23,9 @@ class ProofError(AssertionError):
     """A property does not hold, or could not be decided in time; the text names the log."""
 
 
-def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int = 120) -> None:
+def prove(
+    component: wiring.Component, mode: str, depth: int, *, timeout_s: int = 120, map_memories: bool = False
+) -> None:
     """Prove every assertion of a component, from its reset state on.
 
     What was proved once is not proved again: results are kept in ``build/formal`` under a hash of the RTLIL and of
@@ -36,6 +38,7 @@ def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int 
         ``"cover"`` for reaching every ``Cover``
     depth : see above
     timeout_s : gives up after so long
+    map_memories : make registers of memories, which is faster where they are small
 
     Raises
     ------
@@ -58,6 +61,7 @@ def prove(component: wiring.Component, mode: str, depth: int, *, timeout_s: int 
             "[script]",
             "read_rtlil top.il",
             "prep -top top",
+            *(["memory_map", "opt -full"] if map_memories else []),
             "[files]",
             "top.il",
             "",
