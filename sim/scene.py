@@ -1,6 +1,7 @@
 """Scenes: a rig and what stands before it, read from TOML.
 
-A scene is a file, or the name of one in ``sim/scenes``; every field is explained in ``default.toml`` there.
+A scene is a file, or the name of one in ``sim/scenes``; every field is explained in ``default.toml`` there. A file with
+``like = NAME`` takes the tables that it lacks from another scene.
 
 ``python -m sim.scene NAME --calibration FILE.json`` writes the calibration that belongs to a scene.
 """
@@ -14,8 +15,10 @@ from typing import Any
 
 import click
 import numpy as np
+import numpy.typing as npt
 
 from . import optics
+from .boards import Board
 from .encoder import Flaws
 from .errors import SimError
 from .motor import INDEX_WIDTH_COUNTS, Motor, MotorParameters
@@ -47,10 +50,19 @@ class Ambient:
 
 @dataclass(frozen=True)
 class Object:
-    """A surface and its colour: the parts of red, green and blue that it reflects."""
+    """A surface and its colour: the parts of red, green and blue that it reflects, less where a board is printed."""
 
     surface: Surface
     albedo: tuple[float, ...]
+    board: Board | None = None
+
+    def colour(self, points: Floats) -> Floats:
+        """(N, 3) parts of red, green and blue that points (N, 3) of the surface reflect."""
+        albedo = np.broadcast_to(np.asarray(self.albedo), (len(points), 3))
+        if self.board is None:
+            return albedo
+        assert isinstance(self.surface, Plane)
+        return np.asarray(albedo * self.board.white(self.surface, points)[:, None])
 
 
 @dataclass(frozen=True)
@@ -87,19 +99,10 @@ class Scene:
         ------
         SimError : it can't be read, or a field is wrong; names file, field and value
         """
-        path = Path(name)
-        if path.suffix != ".toml":
-            path = FOLDER / f"{name}.toml"
-            if not path.is_file():
-                known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
-                raise SimError(f"there is no scene called {name}; there are {known}, or give a .toml file")
-        try:
-            with path.open("rb") as file:
-                values = tomllib.load(file)
-        except OSError as error:
-            raise SimError(f"the scene {path} can't be read: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise SimError(f"the scene {path} is not valid TOML: {error}") from error
+        path = _path(name)
+        values = _read(path)
+        if "like" in values:
+            values = _read(_path(str(values.pop("like")))) | values
         return _scene(path.stem, Table(path, "", values))
 
     def override(
@@ -187,11 +190,36 @@ ki = {per_deg_s * LOOP_RAD_S**2 * tau:.5f}
         return optics.calibration(self.camera, self.laser, self.counts_per_turn, self.timing.offset_s)
 
 
+def _path(name: str | Path) -> Path:
+    path = Path(name)
+    if path.suffix != ".toml":
+        path = FOLDER / f"{name}.toml"
+        if not path.is_file():
+            known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
+            raise SimError(f"there is no scene called {name}; there are {known}, or give a .toml file")
+    return path
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise SimError(f"the scene {path} can't be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SimError(f"the scene {path} is not valid TOML: {error}") from error
+
+
 def _pose(table: Table) -> Floats:
     """``position_mm``, and ``rotation_deg`` as an axis times an angle."""
+    position = table.numbers("position_mm", (3,))
+    return pose_of(position, np.radians(table.numbers("rotation_deg", (3,), (0.0, 0.0, 0.0))))
+
+
+def pose_of(position: npt.ArrayLike, turn: Floats) -> Floats:
+    """The 4 x 4 pose at a position, turned by an axis times an angle (rad)."""
     pose = np.eye(4)
-    pose[:3, 3] = table.numbers("position_mm", (3,))
-    turn = np.radians(table.numbers("rotation_deg", (3,), (0.0, 0.0, 0.0)))
+    pose[:3, 3] = position
     angle = float(np.linalg.norm(turn))
     if angle:
         x, y, z = turn / angle
@@ -201,9 +229,10 @@ def _pose(table: Table) -> Floats:
 
 
 def _object(table: Table) -> Object:
-    shape = table.choice("shape", ("plane", "box", "cylinder", "sphere"))
+    shape = table.choice("shape", ("plane", "box", "cylinder", "sphere", "board"))
     pose = _pose(table)
     surface: Surface
+    board: Board | None = None
     try:
         if shape == "plane":
             size = table.numbers("size_mm", (0, 2), ())
@@ -213,13 +242,36 @@ def _object(table: Table) -> Object:
             surface = Box((x, y, z), pose)
         elif shape == "cylinder":
             surface = Cylinder(table.number("radius_mm"), table.number("height_mm"), pose)
+        elif shape == "board":
+            board = _board(table)
+            surface = Plane(board.size_mm, pose)
         else:
             surface = Sphere(table.number("radius_mm"), pose)
     except ValueError as error:
         table.fail("shape", f"{shape} can't be: {error}")
     albedo = table.numbers("albedo", (3,), low=0, high=1)
     table.finish()
-    return Object(surface, albedo)
+    return Object(surface, albedo, board)
+
+
+def _board(table: Table) -> Board:
+    pattern = table.choice("pattern", ("charuco", "chessboard"))
+    square_mm = table.number("square_mm", above=0)
+    left, top, right, bottom = table.numbers("margins_mm", (4,), Board.margins_mm, low=0)
+    board = Board(
+        pattern,
+        table.integer("columns", low=3, high=100),
+        table.integer("rows", low=3, high=100),
+        square_mm,
+        table.number("marker_mm", 0.75 * square_mm if pattern == "charuco" else 0.0, low=0),
+        table.word("dictionary", Board.dictionary),
+        table.integer("first_marker", 0, low=0),
+        (left, top, right, bottom),
+        table.boolean("mirrored", False),
+    )
+    if pattern == "charuco":
+        _ = board.print  # so that what can't be printed is found now
+    return board
 
 
 def _camera(table: Table) -> tuple[Camera, Timing]:
@@ -231,6 +283,7 @@ def _camera(table: Table) -> tuple[Camera, Timing]:
         table.number("noise", low=0),
         table.number("gain", 1.0, above=0),
         table.number("black_level", 0.0, low=0),
+        table.number("blur_px", 0.0, low=0),
     )
     if camera.matrix[0][0] <= 0 or camera.matrix[1][1] <= 0 or camera.matrix[2] != (0.0, 0.0, 1.0):
         table.fail("matrix", f"needs positive focal lengths and the last row 0, 0, 1, not {camera.matrix}")
