@@ -14,7 +14,8 @@ the board while the motor turns steadily, forward in one view and backward in th
 ``truth/truth.json``
     what nobody knows: the calibration, and the boards' poses
 
-Each view begins with a dark picture, in which the motor gets up to speed; its number is not among the view's frames.
+Each view begins and ends with a dark picture, in which the motor gets up to speed and leaves; their numbers are not
+among the view's frames.
 """
 
 import json
@@ -59,7 +60,7 @@ class View:
     board : name of the board in :data:`BOARDS`
     pose : (4, 4) from the board's frame to the camera's: the truth
     picture : (height, width, 3), laser off
-    frames : (n, height, width, 3), with the laser; the first is dark
+    frames : (n, height, width, 3), with the laser; the first and the last are dark
     angles_rad : (n, 2) the motor's angle at the first and at the last row of each frame
     """
 
@@ -100,10 +101,10 @@ def views(scene: Scene, boards: list[str], lit: int = 4, seed: int = 0) -> Itera
         timing = timing_of(scene)
         span = min(high - low, SPEED_RAD_S * timing.period_s * (lit - 1))
         first = random.uniform(low, high - span)
-        # The dark picture continues the steady movement to the front. The angles are wanted when the band is exposed.
+        # The dark pictures continue the steady movement to both sides. The angles are wanted when the band is exposed.
         step = span / (lit - 1)
-        alpha = first + step * (np.arange(-1, lit))
-        alpha = alpha if number % 2 == 0 else alpha[::-1] + step
+        alpha = first + step * (np.arange(-1, lit + 1))
+        alpha = alpha if number % 2 == 0 else alpha[::-1]
         alpha = alpha - (alpha[1] - alpha[0]) * row * timing.row_period_s / timing.period_s
         motor = (alpha - scene.laser.zero_rad) * scene.laser.sense
         yield _shoot(scene, name, pose, motor, seed * 100_003 + number)
@@ -166,7 +167,8 @@ def _shoot(scene: Scene, name: str, pose: Floats, motor: Floats, seed: int) -> V
     frames = []
     for frame, start in enumerate(motor):
         times = timing.rows(0.0)
-        frames.append(renderer.rows(frame, 0, timing.height, times, _steady(float(start), float(speed)), frame > 0))
+        lit = 0 < frame < len(motor) - 1
+        frames.append(renderer.rows(frame, 0, timing.height, times, _steady(float(start), float(speed)), lit))
     angles = np.stack([motor, motor + speed * rows_s], axis=1)
     return View(name, pose, photo(there, seed, ROOM), np.array(frames), angles)
 
@@ -206,7 +208,7 @@ def write(out: Path, scene: Scene, boards: list[str], lit: int, seed: int) -> No
             for frame, (start, end) in zip(view.frames, view.angles_rad, strict=True):
                 Image.fromarray(frame).save(out / f"laser/{len(lines) - 1:05}.png")
                 lines.append(f"{len(lines) - 1},{np.degrees(start):.9f},{np.degrees(end):.9f}")
-            frames = list(range(first + 1, len(lines) - 1))
+            frames = list(range(first + 1, len(lines) - 2))
             known["views"].append({"board": view.board, "picture": picture, "frames": frames})
             truth["poses"].append(view.pose.tolist())
         (out / "angles.csv").write_text("\n".join(lines) + "\n")
