@@ -61,9 +61,11 @@ def _rays(camera: Camera, fine: int) -> Floats:
 
 def _light(scene: Scene, directions: Floats) -> tuple[Ints, Floats]:
     """Faces (N,) and the part of the room's light, (N, 3), that comes back along rays."""
-    hits = surfaces.nearest(scene.surfaces, (0.0, 0.0, 0.0), directions)
-    points = directions * np.where(hits.face >= 0, hits.t, 1.0)[:, None]
-    return hits.face, shade(scene, hits.normal)[:, None] * colours(scene, hits.face, points)
+    starts, directions = scene.sight(directions)
+    hits = surfaces.nearest(scene.surfaces, starts, directions)
+    points = starts + directions * np.where(hits.face >= 0, hits.t, 1.0)[:, None]
+    light = shade(scene, hits.normal)[:, None] * colours(scene, hits.face, points)
+    return hits.face, scene.dimmed(light, hits.t)
 
 
 def _edges(face: Ints) -> npt.NDArray[np.bool_]:

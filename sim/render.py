@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from . import surfaces
 from .blur import smear
+from .haze import Haze
 from .optics import Camera
 from .scene import Scene
 from .surfaces import Floats, Ints
@@ -94,26 +95,32 @@ def _rays(camera: Camera) -> Floats:
 def _trace(scene: Scene, rays: Floats) -> View:
     shape = rays.shape[:2]
     directions = rays.reshape(-1, 3)
-    hits = surfaces.nearest(scene.surfaces, (0.0, 0.0, 0.0), directions)
+    starts, directions = scene.sight(directions)
+    hits = surfaces.nearest(scene.surfaces, starts, directions)
     seen = hits.face >= 0
-    points = directions * np.where(seen, hits.t, 1.0)[:, None]
+    points = starts + directions * np.where(seen, hits.t, 1.0)[:, None]
     albedo = colours(scene, hits.face, points)
 
-    ambient = shade(scene, hits.normal)[:, None] * albedo * np.asarray(scene.ambient.colour)
+    ambient = scene.dimmed(shade(scene, hits.normal)[:, None] * albedo, hits.t) * np.asarray(scene.ambient.colour)
     per_pixel = ambient.reshape(shape[0], scene.camera.width, -1, 3).mean(axis=2)
 
     # The laser.
     laser = scene.laser
-    beam = points - laser.origin
+    alpha, speed_mm, source = scene.lit_from(points)
+    beam = points - source
     distance = np.linalg.norm(beam, axis=1)
     incidence = np.maximum(-np.sum(hits.normal * beam, axis=1) / distance, 0.0)
-    alpha, speed_mm = laser.meets(laser.points(points))
     lit = seen & (incidence > 0) & (speed_mm > 0)
-    lit[lit] = surfaces.visible(scene.surfaces, laser.origin, points[lit])
+    source = np.broadcast_to(source, points.shape)
+    lit[lit] = surfaces.visible(scene.surfaces, source[lit], points[lit])
     response = np.asarray(laser.response)
     reflectance = albedo @ response / response.sum()
     level = np.where(lit, laser.level(distance) * incidence * reflectance, 0.0)
-    sigma = np.where(lit, laser.sigma_mm(distance) / np.where(lit, speed_mm, 1.0), 0.0)
+    sigma_mm = laser.sigma_mm(distance)
+    if scene.water is not None:
+        level *= scene.water.laser_kept(laser, distance + np.where(seen, hits.t, 0.0))
+        sigma_mm = np.hypot(sigma_mm, scene.water.scatter_mrad * distance / 1000)
+    sigma = np.where(lit, sigma_mm / np.where(lit, speed_mm, 1.0), 0.0)
     return View(
         hits.face.astype(np.int16).reshape(shape),
         alpha.astype(np.float32).reshape(shape),
@@ -157,6 +164,7 @@ class Renderer:
         lit = self.view.sigma > 0
         self._finest_rad = float(self.view.sigma[lit].min()) if lit.any() else np.inf
         self._middle = float(np.mean(self.view.alpha[lit])) if lit.any() else 0.0
+        self._haze = Haze.of(scene) if scene.water is not None and scene.water.glow else None
         self._mix = (np.asarray(scene.laser.response) * scene.camera.gain).astype(np.float32)
         self._frame: int | None = None
 
@@ -217,9 +225,12 @@ class Renderer:
             total += np.float32(weight) * np.exp(np.float32(-0.5) * z * z)
         total *= view.level[first:last].ravel()[where] / np.float32(ACROSS * DOWN)
         size = (last - first) * self.scene.camera.width
-        light = np.bincount(where // (ACROSS * DOWN), weights=total, minlength=size)
+        summed = np.bincount(where // (ACROSS * DOWN), weights=total, minlength=size)
+        light = summed.astype(np.float32).reshape(last - first, -1)
+        if self._haze is not None:
+            light += self._haze.glow(slice(first, last), alphas @ weights)
         # Along the rows only: a row is due before the next one's angle is known, and the line is nearly upright.
-        return smear(light.astype(np.float32).reshape(last - first, -1), self.scene.camera.blur_px, 1)
+        return smear(light, self.scene.camera.blur_px, 1)
 
     def exposure(self, start: Floats, end: Floats, angle: AngleOfTime) -> tuple[Floats, Floats]:
         """(rows, nodes) angles of the plane from ``start`` to ``end`` (rows,), and the (nodes,) weights of their mean.

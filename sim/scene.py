@@ -27,6 +27,7 @@ from .playback import Playback, steady
 from .surfaces import Box, Cylinder, Floats, Plane, Sphere, Surface
 from .tables import Table
 from .timing import Timing
+from .water import Pane, Water
 
 # The speed loop of a scene's settings: its poles, by placement (kp and ki of a plant of first order).
 LOOP_RAD_S = 25.0
@@ -90,6 +91,7 @@ class Scene:
     ambient: Ambient
     objects: tuple[Object, ...]
     scan: Scan
+    water: Water | None = None
 
     @classmethod
     def load(cls, name: str | Path) -> "Scene":
@@ -187,7 +189,24 @@ ki = {per_deg_s * LOOP_RAD_S**2 * tau:.5f}
 
     def calibration(self) -> dict[str, Any]:
         """What an ideal calibration of this rig would give, in the format of calibration files."""
-        return optics.calibration(self.camera, self.laser, self.counts_per_turn, self.timing.offset_s)
+        values = optics.calibration(self.camera, self.laser, self.counts_per_turn, self.timing.offset_s)
+        return values if self.water is None else values | {"ports": self.water.calibration()}
+
+    def sight(self, directions: Floats) -> tuple[Floats, Floats]:
+        """Starts (3,) or (N, 3) and directions of sights that leave the camera along (N, 3), outside of the rig."""
+        return (np.zeros(3), directions) if self.water is None else self.water.sight(directions)
+
+    def dimmed(self, light: Floats, way_mm: Floats) -> Floats:
+        """(N, 3) parts of the room's light that come back from surfaces, after ways (N,) to the camera."""
+        return light if self.water is None else self.water.dimmed(light, way_mm)
+
+    def lit_from(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """For points (N, 3): alpha of the sheet through them, mm by which it moves there per rad (0 where it does not
+        get to), and where its light comes from, (3,) or (N, 3), outside of the rig.
+        """
+        if self.water is None:
+            return *self.laser.meets(self.laser.points(points)), self.laser.origin
+        return self.water.meets(self.laser, points)
 
 
 def _path(name: str | Path) -> Path:
@@ -327,6 +346,32 @@ def _laser(table: Table) -> Laser:
     return laser
 
 
+def _water(table: Table) -> Water:
+    panes = []
+    for part in ("camera_port", "laser_port"):
+        port = table.table(part)
+        normal = np.array(port.numbers("normal", (3,), (0.0, 0.0, 1.0)))
+        if not np.linalg.norm(normal):
+            port.fail("normal", "has to point into the water, not be 0, 0, 0")
+        x, y, z = (normal / np.linalg.norm(normal)).tolist()
+        thickness, index = port.number("thickness_mm", 8.0, low=0), port.number("glass_index", 1.49, low=1)
+        panes.append(Pane(port.number("distance_mm", above=0), (x, y, z), thickness, index))
+        port.finish()
+    water = Water(
+        table.number("index", 1.333, low=1),
+        panes[0],
+        panes[1],
+        table.number("apex_beam_mm", 0.0),
+        table.number("apex_axis_mm", 0.0),
+        table.numbers("attenuation_per_m", (3,), (0.0, 0.0, 0.0), low=0),
+        table.numbers("veil", (3,), (0.0, 0.0, 0.0), low=0, high=1),
+        table.number("scatter_mrad", 0.0, low=0),
+        table.number("glow", 0.0, low=0),
+    )
+    table.finish()
+    return water
+
+
 def _scene(name: str, table: Table) -> Scene:
     camera, timing = _camera(table.table("camera"))
     laser = _laser(table.table("laser"))
@@ -371,9 +416,12 @@ def _scene(name: str, table: Table) -> Scene:
         radians(scan_table.number("end_deg")),
     )
     scan_table.finish()
+    water = _water(table.table("water")) if table.has("water") else None
     objects = tuple(_object(item) for item in table.tables("object"))
     table.finish()
-    return Scene(name, camera, timing, laser, counts, width, flaws, parameters, start_rad, ambient, objects, scan)
+    return Scene(
+        name, camera, timing, laser, counts, width, flaws, parameters, start_rad, ambient, objects, scan, water
+    )
 
 
 @click.command()

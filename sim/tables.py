@@ -109,6 +109,10 @@ class Table:
             self.fail(key, f"has to be {what}, not {value!r}")
         return str(value)
 
+    def has(self, key: str) -> bool:
+        """Whether the field is there and not yet taken."""
+        return key in self._values
+
     def word(self, key: str, default: str) -> str:
         """Any word."""
         value = self._take(key, default, "a word")
