@@ -4,7 +4,9 @@ from importlib import import_module
 
 import click
 
-COMMANDS: dict[str, tuple[str, str]] = {}
+COMMANDS: dict[str, tuple[str, str]] = {
+    "validate": ("validate", "Measure how good the scanner is."),
+}
 """Name of each command: its module beside this one, and one line for the list."""
 
 
