@@ -45,7 +45,9 @@ class TrueRig:
         """n . P = d of positions in counts: (N, 3), (N,)."""
         alpha = self.laser.alpha(2 * np.pi * position / self.counts_per_turn)
         tilt = self.laser.tilt_rad
-        n = np.stack([-np.sin(alpha) * np.cos(tilt), np.cos(alpha) * np.cos(tilt), np.full_like(alpha, np.sin(tilt))], -1)
+        n = np.stack(
+            [-np.sin(alpha) * np.cos(tilt), np.cos(alpha) * np.cos(tilt), np.full_like(alpha, np.sin(tilt))], -1
+        )
         pose = np.asarray(self.laser.camera_from_laser)
         n = n @ pose[:3, :3].T
         return n, n @ pose[:3, 3] + self.laser.offset_mm
@@ -64,7 +66,11 @@ def rotation(turn: np.ndarray) -> np.ndarray:
 def random_rig(rng: np.random.Generator) -> TrueRig:
     """A rig as in the paper, 0.5 m from camera to laser at 2 m, and everything a little off."""
     f = 800 + rng.normal(0, 10)
-    matrix = ((f, 0.0, 319.5 + rng.normal(0, 8)), (0.0, f * (1 + rng.normal(0, 1e-3)), 239.5 + rng.normal(0, 8)), (0.0, 0.0, 1.0))
+    matrix = (
+        (f, 0.0, 319.5 + rng.normal(0, 8)),
+        (0.0, f * (1 + rng.normal(0, 1e-3)), 239.5 + rng.normal(0, 8)),
+        (0.0, 0.0, 1.0),
+    )
     k = (rng.normal(-0.12, 0.05), rng.normal(0.08, 0.05), rng.normal(0, 5e-4), rng.normal(0, 5e-4), 0.0)
     camera = Camera(WIDTH, HEIGHT, matrix, k, 0.0, 1.0, 0.0)
     down = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # axis down, light forward at alpha = 0
@@ -73,8 +79,17 @@ def random_rig(rng: np.random.Generator) -> TrueRig:
     pose[:3, 3] = [-500 + rng.normal(0, 10), rng.normal(0, 10), rng.normal(0, 10)]
     # Aimed so that alpha = 0.25 rad meets the camera's axis at 2 m.
     laser = Laser(
-        tuple(map(tuple, pose)), rng.normal(0, 1.0), rng.normal(0, 0.01), rng.normal(0.1, 0.1), int(rng.choice([-1, 1])),
-        180.0, 2000.0, 0.5, 0.3, (0.1, 1.0, 0.1), 0.0,
+        tuple(map(tuple, pose)),
+        rng.normal(0, 1.0),
+        rng.normal(0, 0.01),
+        rng.normal(0.1, 0.1),
+        int(rng.choice([-1, 1])),
+        180.0,
+        2000.0,
+        0.5,
+        0.3,
+        (0.1, 1.0, 0.1),
+        0.0,
     )
     return TrueRig(camera, laser, rng.normal(-8e-3, 3e-3), tuple(rng.normal(0, (1.0, 1.0, 0.3, 0.3))))
 
@@ -160,9 +175,7 @@ class Procedure:
             return None
         return View(name, board, ids, px, lines)
 
-    def lines(
-        self, rig: TrueRig, board: Board, pose: tuple[np.ndarray, np.ndarray], rng: np.random.Generator
-    ) -> Lines:
+    def lines(self, rig: TrueRig, board: Board, pose: tuple[np.ndarray, np.ndarray], rng: np.random.Generator) -> Lines:
         """Laser lines on the board's band, at places spread over it."""
         turn, shift = pose
         assert board.band_mm is not None
@@ -177,7 +190,9 @@ class Procedure:
             sign = (-1.0) ** image if self.both_ways else 1.0
             rate = sign * rig.counts_per_turn * self.rate_deg_s / 360
             parts.append(self.line(rig, pose, image, float(middle), rate, board.band_mm, rng))
-        return Lines(*(np.concatenate([getattr(p, n) for p in parts]) for n in ("image", "row", "column", "counts", "rate")))
+        return Lines(
+            *(np.concatenate([getattr(p, n) for p in parts]) for n in ("image", "row", "column", "counts", "rate"))
+        )
 
     def line(
         self,

@@ -26,7 +26,7 @@ FORM_PART = 0.003
 """Part of the points that VDI/VDE 2634 part 2 lets out of the range of the form error."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """What is common to all.
 
@@ -61,7 +61,7 @@ class Fit:
         return float(1 - self.kept.mean())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlaneFit(Fit):
     """``normal . P = distance``; the normal points towards the origin (the camera)."""
 
@@ -73,7 +73,7 @@ class PlaneFit(Fit):
         return np.asarray(points @ self.normal - self.distance)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SphereFit(Fit):
     """Centre (3,) and radius, with the radius's sigma if the residuals were independent."""
 
@@ -82,7 +82,7 @@ class SphereFit(Fit):
     radius_sigma: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CylinderFit(Fit):
     """A point of the axis (3,), its direction (3,), the radius, and its sigma if the residuals were independent."""
 
@@ -188,14 +188,14 @@ def _trimmed(
     _enough(points)
     kept = np.ones(len(points), bool)
     vector: Floats | None = None
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
         vector = solve(points[kept], vector)
         residuals = distance(points, vector)
         middle = np.median(residuals[kept])
         spread = MAD_TO_SIGMA * np.median(np.abs(residuals[kept] - middle))
         new = np.abs(residuals - middle) <= max(TRIM * spread, 1e-9)
-        if np.array_equal(new, kept):
-            break
+        if number and np.array_equal(new, kept):
+            break  # not before the start, which is robust and rough, was refined
         kept = new
         _enough(points[kept])
     assert vector is not None

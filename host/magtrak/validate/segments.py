@@ -28,6 +28,9 @@ SIZE_TOLERANCE = 0.05
 MOST_TRIMMED = 0.25
 """More points off the surface than this part, and the piece is no such surface."""
 
+BORDER = 2
+"""Rows and frames at the border of a plane that are left out: the line may lie half on it."""
+
 AXIS_END = 0.04
 """Part of a cylinder's length that is left out at each end."""
 
@@ -117,7 +120,7 @@ def find_spheres(cloud: Records, radii: Sequence[float]) -> list[SphereFit]:
                 " right?"
             )
         result.append(mine[0][0])
-        found.remove(mine[0])
+        found = [pair for pair in found if pair is not mine[0]]
     return result
 
 
@@ -205,13 +208,26 @@ def _as_cylinder(points: Floats, radius: float) -> CylinderFit | float | None:
     return fit if abs(fit.radius / radius - 1) < SIZE_TOLERANCE else fit.radius
 
 
+def _inner(cloud: Records, piece: Integers) -> Integers:
+    """Those points of a piece that have neighbours in it on all sides, :data:`BORDER` rows and frames away."""
+    frame, row = cloud["scalar_frame"][piece].astype(np.int64), cloud["scalar_row"][piece].astype(np.int64)
+    frame, row = frame - frame.min() + BORDER, row - row.min() + BORDER
+    there = np.zeros((frame.max() + 1 + BORDER, row.max() + 1 + BORDER), bool)
+    there[frame, row] = True
+    inside = np.ones(len(piece), bool)
+    for step in range(1, BORDER + 1):
+        for across, down in ((step, 0), (-step, 0), (0, step), (0, -step)):
+            inside &= there[frame + across, row + down]
+    return piece[inside]
+
+
 def find_planes(cloud: Records, flat: float = 0.01) -> list[PlaneFit]:
     """The pieces that are flat, the largest first: less than ``flat`` of their size deep, and nearly whole."""
     points = positions(cloud)
     result = []
     for piece in pieces(cloud):
         try:
-            fit = fit_plane(points[piece])
+            fit = fit_plane(points[_inner(cloud, piece)])
         except MagtrakError:
             continue
         size = float(np.linalg.norm(np.ptp(points[piece], axis=0)))

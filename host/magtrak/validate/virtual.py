@@ -38,7 +38,7 @@ def record(scene: str, out: Path, *, scans: int = 1, paper: bool = True, boards:
         from sim.demo import CommandError, call, scan
     except ImportError as error:
         raise MagtrakError(
-            f"the virtual card needs {error.name}, which a checkout has: clone the repository and run 'make setup' in it"
+            f"the virtual card needs {error.name}, which a checkout has: clone the repository, run 'make setup' in it"
         ) from None
     try:
         out.mkdir(parents=True, exist_ok=True)
