@@ -3,8 +3,8 @@
 Finer than the row-by-row renderer: each pixel that sees a board or an edge is sampled :data:`FINE` x :data:`FINE`
 times, and the lens's blur acts on these samples, before the pixels gather them, as it does in a camera.
 
-``python -m sim.photo SCENE PICTURE.png [--target FILE.json]`` takes one; the file then tells what is known of the boards
-in the scene: their prints, and how they stand to the first of them.
+``python -m sim.photo SCENE PICTURE.png [--target FILE.json]`` takes one; the file then tells what is known of the
+boards in the scene: their prints, and how they stand to the first of them.
 """
 
 import json
@@ -58,10 +58,22 @@ def photo(scene: Scene, seed: int = 0, colour: tuple[float, float, float] | None
 
 @lru_cache(maxsize=4)
 def _rays(camera: Camera, fine: int) -> Floats:
-    """(N, 3) directions of ``fine`` x ``fine`` samples of each pixel, row by row of the samples."""
-    u = (np.arange(camera.width * fine) + 0.5) / fine - 0.5
-    v = (np.arange(camera.height * fine) + 0.5) / fine - 0.5
-    rays = np.concatenate([camera.rays(u, np.full(len(u), row)) for row in v])
+    """(N, 3) directions of ``fine`` x ``fine`` samples of each pixel, row by row of the samples.
+
+    Each lies somewhere in its own cell, and those of a pixel in different parts of theirs: an edge along the rows or
+    columns would else move by whole cells, and corners by a twentieth of a pixel.
+
+    Source: A. Kensler, "Correlated multi-jittered sampling", Pixar 13-01, 2013.
+    """
+    random = np.random.default_rng(fine)
+    order = random.permutation(fine)
+    at = np.arange(camera.width * fine)
+    rows = []
+    for row in range(camera.height * fine):
+        shift = random.random((2, len(at))) if fine > 1 else np.full((2, len(at)), 0.5)
+        across, down = (order[row % fine] + shift[0]) / fine, (order[at % fine] + shift[1]) / fine
+        rows.append(camera.rays((at + across) / fine - 0.5, (row + down) / fine - 0.5))
+    rays = np.concatenate(rows)
     rays.setflags(write=False)
     return rays
 

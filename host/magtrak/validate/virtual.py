@@ -3,6 +3,7 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from ..errors import MagtrakError
 
@@ -26,8 +27,18 @@ class Recording:
     target: Path | None
 
 
-def record(scene: str, out: Path, *, scans: int = 1, paper: bool = True, boards: bool = False) -> Recording:
+def record(
+    scene: str,
+    out: Path,
+    *,
+    scans: int = 1,
+    paper: bool = True,
+    boards: bool = False,
+    log: IO[str] = sys.stdout,
+) -> Recording:
     """Scan a ready-made scene with the virtual card; without ``scans`` only its boards are photographed.
+
+    The commands, and what they say, go to ``log``.
 
     Raises
     ------
@@ -43,25 +54,23 @@ def record(scene: str, out: Path, *, scans: int = 1, paper: bool = True, boards:
     try:
         out.mkdir(parents=True, exist_ok=True)
         calibration, settings, binary = out / "calibration.json", out / "scan.toml", out / "paper.toml"
-        call(["python", "-m", "sim.scene", scene, "--calibration", f"{calibration}", "--settings", f"{settings}"])
+        call(["python", "-m", "sim.scene", scene, "--calibration", f"{calibration}", "--settings", f"{settings}"], log)
         picture, target = (out / "board.png", out / "target.json") if boards else (None, None)
         if boards:
-            call(["python", "-m", "sim.photo", scene, f"{picture}", "--target", f"{target}"])
+            call(["python", "-m", "sim.photo", scene, f"{picture}", "--target", f"{target}"], log)
         binary.write_text(settings.read_text() + '[peak]\ndetector = "binary"\n')
         receive = ["magtrak-recv", "--calibration", f"{calibration}"]
         clouds = []
         for number in range(scans):
             clouds.append(out / f"scan{number + 1}.ply")
             card = ["magtrak-sim", "--scene", scene, "--pace", "max", "--seed", f"{number}"]
-            scan(card, [*receive, "--settings", f"{settings}", "--output", f"{clouds[-1]}"], out / "card")
+            scan(card, [*receive, "--settings", f"{settings}", "--output", f"{clouds[-1]}"], out / "card", log)
         beside = out / "paper.ply" if paper and scans else None
         if beside is not None:
             in_its_way = ["--settings", f"{binary}", "--angle", "bare", "--output", f"{beside}"]
-            scan(["magtrak-sim", "--scene", scene, "--pace", "max"], [*receive, *in_its_way], out / "card")
+            scan(["magtrak-sim", "--scene", scene, "--pace", "max"], [*receive, *in_its_way], out / "card", log)
     except CommandError as error:
         raise MagtrakError(f"{error} failed; what it said is above") from None
     except OSError as error:
         raise MagtrakError(f"the folder {out} can't be used: {error.strerror}") from None
-    finally:
-        sys.stdout.flush()
     return Recording(calibration, clouds, beside, picture, target)
