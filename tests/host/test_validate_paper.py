@@ -13,7 +13,6 @@ from magtrak.locate import locator
 from magtrak.validate import boards, paper
 from sim.photo import photo, target
 from sim.scene import Scene
-from tests.support.scenes import small
 
 LIGHT = (220.0, 220.0, 220.0)
 STEP = np.radians(0.5)
@@ -32,7 +31,7 @@ def grey(scene: Scene) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def metric() -> tuple[Scene, np.ndarray]:
-    scene = small(Scene.load("metric"))
+    scene = Scene.load("metric")
     return scene, grey(scene)
 
 
@@ -49,12 +48,15 @@ def swept(scene: Scene, calibration: Calibration, error_rad: float) -> np.ndarra
         angles = scene.lit_from(grid @ pose[:3, :3].T + pose[:3, 3])[0].reshape(20, 400)
         at = np.array([np.interp(alpha, row, x) for row in angles])
         pixels = scene.project(np.stack([at, y, np.zeros(20)], axis=-1) @ pose[:3, :3].T + pose[:3, 3])
-        cloud = np.zeros(20, POINT)
+        pixels = pixels[(at > x0 + 1) & (at < x1 - 1)]
+        if len(pixels) < 20:
+            continue
+        rows = np.arange(np.ceil(pixels[0, 1]), np.floor(pixels[-1, 1]))
+        cloud = np.zeros(len(rows), POINT)
         cloud["scalar_frame"], cloud["scalar_angle"] = frame, alpha + error_rad
-        cloud["scalar_column"], cloud["scalar_row"] = pixels.T
-        parts.append(cloud[(at > x0 + 1) & (at < x1 - 1)])
+        cloud["scalar_column"], cloud["scalar_row"] = np.interp(rows, pixels[:, 1], pixels[:, 0]), rows
+        parts.append(cloud)
     cloud = np.concatenate(parts)
-    # Rows are whole numbers in a file: the column moves along with the line's slope, which is small.
     seen = locator(calibration).locate(
         cloud["scalar_column"].astype(float), cloud["scalar_row"].astype(float), cloud["scalar_angle"].astype(float)
     )
@@ -71,7 +73,7 @@ def test_laser(metric, tmp_path, error_deg: float) -> None:
     lines = {line.what: line for line in found.lines}
     mean = next(line for name, line in lines.items() if name.startswith("error of the angle over"))
     print(f"error put in {error_deg}, found {mean.value:.4f} deg")
-    assert mean.value == pytest.approx(-error_deg, abs=0.012)
+    assert mean.value == pytest.approx(-error_deg, abs=0.01)
     assert lines["  RMS about it"].value < 0.02
     assert lines["angle by the encoder"].value == pytest.approx(5.0, abs=0.26)
     distance = lines["d_theta, from the axis to the plane"].value
@@ -90,7 +92,7 @@ def test_slit(metric, tmp_path) -> None:
     assert lines["angle of the laser"].value == pytest.approx(10, abs=0.3)
     off = lines["off the plane, mean"]
     item = next(item for item in scene.objects if item.board is not None)
-    mine = bad["scalar_frame"] == 20
+    mine = bad["scalar_frame"] == round(np.radians(10 - 0.1) / STEP)
     points = np.stack([bad[name][mine] for name in "xyz"], -1)
     true = item.surface.distance(points).mean()
     print(f"off the plane {off.value:.2f} mm, with 0.1 deg {off.other:.2f} mm, truly {true:.2f} mm")
@@ -100,7 +102,7 @@ def test_slit(metric, tmp_path) -> None:
 
 
 def test_camera(tmp_path) -> None:
-    scene = small(Scene.load("corner"))
+    scene = Scene.load("corner")
     calibration, picture = Calibration.parse(scene.calibration()), grey(scene)
     known = loaded(scene, tmp_path)
     lines = paper.camera_test(calibration, picture, known).lines
@@ -108,7 +110,7 @@ def test_camera(tmp_path) -> None:
     assert len(errors) == 2
     for line in errors:
         print(f"{line.what}: {line.value:.3f} mm, by a 3 x 4 matrix {line.other:.3f} mm")
-        assert line.value < 0.6
+        assert line.value < 0.4
         assert line.other is not None
         assert line.other < 3
     # A board that was printed 2 % too large is off by what the other board does not allow.
@@ -125,7 +127,7 @@ def test_mistakes(metric, tmp_path) -> None:
     other = boards.Target([(replace(known.boards[0][0], dictionary="DICT_4X4_250"), np.eye(4))])
     with pytest.raises(CalibrationError, match="0 corners of board board are seen in the picture, 8 are needed"):
         paper.laser_test(calibration, swept(scene, calibration, 0.0), picture, other)
-    with pytest.raises(MagtrakError, match="0 pictures have the line on the board's blank band, 3 are needed"):
+    with pytest.raises(MagtrakError, match=r"0 pictures have the line on the board's blank band, 3 are needed"):
         paper.laser_test(calibration, np.zeros(10, POINT), picture, known)
     with pytest.raises(MagtrakError, match=r"the target .*none\.json cannot be read: No such file"):
         boards.Target.load(tmp_path / "none.json")
