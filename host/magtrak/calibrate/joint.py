@@ -68,9 +68,7 @@ def start_camera(seen: Observations) -> Rig:
     """OpenCV's calibration of the pinhole, k3 held at 0."""
     import cv2
 
-    objects = [
-        np.c_[view.board.points(view.ids), np.zeros(len(view.ids))].astype(np.float32) for view in seen.views
-    ]
+    objects = [np.c_[view.board.points(view.ids), np.zeros(len(view.ids))].astype(np.float32) for view in seen.views]
     images = [view.corners.astype(np.float32).reshape(-1, 1, 2) for view in seen.views]
     size = (seen.width, seen.height)
     try:
@@ -114,13 +112,13 @@ def estimate_laser(
     CalibrationError
         The lines fit no swept plane.
     """
-    solver = Solver(seen, held_parts(seen, camera.rig, camera=True), poses=False)
+    held = held_parts(seen, camera.rig, camera=True)
+    coarse = Solver(seen, held | {"cos1", "sin1", "cos2", "sin2"}, poses=False, angles=False)
     best: Solution | None = None
-    candidates = [*starts, *start_laser(seen, camera.rig, seen.counts_per_turn, error_table)]
-    for laser in candidates:
-        start = replace(camera.rig, laser=laser, angles=np.zeros(solver.predictions.images))
+    for laser in [*starts, *start_laser(seen, camera.rig, seen.counts_per_turn, error_table)]:
+        start = replace(camera.rig, laser=laser, angles=np.zeros(coarse.predictions.images))
         try:
-            found = solver.solve(start, Noise(camera.noise.corner, 1.0, 0.5), rounds=6)
+            found = coarse.solve(start, Noise(camera.noise.corner, 1.0), rounds=2)
         except CalibrationError:
             continue
         if best is None or found.noise.line < best.noise.line:
@@ -130,7 +128,7 @@ def estimate_laser(
             "the laser lines fit no plane that turns with the encoder: check that the lines lie on the board's blank"
             " band, that the encoder counts, and that neither camera nor laser was moved between views"
         )
-    return best
+    return Solver(seen, held, poses=False).solve(best.rig, best.noise)
 
 
 def held_parts(seen: Observations, rig: Rig, *, camera: bool = False) -> frozenset[str]:
@@ -157,6 +155,7 @@ def estimate(seen: Observations, error_table: Floats | None = None) -> Estimates
     CalibrationError
         The observations fit no camera, no laser, or do not determine them.
     """
+    seen = seen.thinned()
     camera = estimate_camera(seen)
     if not seen.images:
         return Estimates(seen, camera)

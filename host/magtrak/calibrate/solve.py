@@ -106,7 +106,7 @@ class Solver:
         self.with_angles = angles
         self._scale_sigmas = np.array([max(board.scale_sigma, 1e-9) for board in seen.boards])
 
-    def solve(self, start: Rig, noise: Noise | None = None, rounds: int = 4) -> Solution:
+    def solve(self, start: Rig, noise: Noise | None = None, rounds: int = 5) -> Solution:
         """From a start that is about right.
 
         Raises
@@ -231,7 +231,7 @@ class Solver:
         return float(np.sum(weight * residuals**2 * (2 - weight)))
 
     def _descend(self, rig: Rig, noise: Noise) -> Rig:
-        damping = 1e-4
+        damping = 1e-6
         priors = len(self._priors(rig, noise))
         slopes = self._slopes(rig)
         residuals = self._residuals(rig, noise, slopes)
@@ -240,9 +240,9 @@ class Solver:
             raise CalibrationError("the start of the fit lies outside what the camera sees: check board and pictures")
         for _ in range(MAX_STEPS):
             jacobian = self._jacobian(rig, noise, slopes)
-            weighted = jacobian.multiply(self._weights(residuals, priors)[:, None]).tocsr()
-            normal = np.asarray((jacobian.T @ weighted).todense())
-            gradient = np.asarray(weighted.T @ residuals)
+            weights = self._weights(residuals, priors)
+            normal = _normal(jacobian, weights)
+            gradient = np.asarray(jacobian.T @ (weights * residuals))
             for _ in range(12):
                 step = _solve(normal, gradient, damping)
                 there = self._move(rig, -step)
@@ -256,7 +256,7 @@ class Solver:
                 return rig
             gain = cost - there_cost
             rig, slopes, residuals, cost = there, there_slopes, there_residuals, there_cost
-            damping = max(damping / 10, 1e-12)
+            damping = max(damping / 100, 1e-14)
             if gain <= CONVERGED * cost:
                 break
         return rig
@@ -267,7 +267,7 @@ class Solver:
         residuals = self._residuals(rig, noise, slopes)
         jacobian = self._jacobian(rig, noise, slopes)
         weights = self._weights(residuals, priors)
-        normal = np.asarray((jacobian.T @ jacobian.multiply(weights[:, None]).tocsr()).todense())
+        normal = _normal(jacobian, weights)
         corners = 2 * len(self.predictions.corner_view)
         groups = np.full(len(residuals), 2)
         groups[:corners] = 0
@@ -282,9 +282,8 @@ class Solver:
             if not mine.any():
                 scaled.append(1.0)
                 continue
-            part = system.jacobian[np.flatnonzero(mine)]
-            weighted = part.multiply(system.weights[mine][:, None]).tocsr()
-            used = float(np.sum(np.asarray((part.T @ weighted).todense()) * system.inverse))
+            normal = _normal(system.jacobian[np.flatnonzero(mine)], system.weights[mine])
+            used = float(np.sum(normal * system.inverse))
             redundancy = max(float(system.weights[mine].sum()) - used, 1.0)
             scaled.append(float(np.sqrt(np.sum(system.weights[mine] * system.residuals[mine] ** 2) / redundancy)))
         angle = noise.angle
@@ -327,9 +326,7 @@ class Solver:
         system = found.full
         result = {}
         for name, column in columns.items():
-            projected = column - system.jacobian @ (
-                system.inverse @ (system.jacobian.T @ (system.weights * column))
-            )
+            projected = column - system.jacobian @ (system.inverse @ (system.jacobian.T @ (system.weights * column)))
             power = float(np.sum(system.weights * projected * column))
             slope = float(np.sum(system.weights * projected * system.residuals))
             if power <= 1e-9 * float(np.sum(column**2)):
@@ -348,6 +345,13 @@ class Solver:
         return (there - self._residuals(rig, noise, slopes)) / step
 
 
+def _normal(jacobian: Any, weights: Floats) -> Floats:
+    """J^T W J."""
+    weighted = jacobian.copy()
+    weighted.data *= np.repeat(weights, np.diff(jacobian.indptr))
+    return np.asarray((weighted.T @ jacobian).toarray())
+
+
 def _solve(normal: Floats, gradient: Floats, damping: float) -> Floats:
     import scipy.linalg as linalg
 
@@ -363,13 +367,17 @@ def _solve(normal: Floats, gradient: Floats, damping: float) -> Floats:
 def _invert(normal: Floats) -> Floats:
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     scaled = normal / scale[:, None] / scale
-    values, vectors = np.linalg.eigh(scaled)
-    if values[0] < 1e-13 * values[-1]:
+    try:
+        inverse = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(scaled, np.inf)
+    # Condition number in the 1-norm; beyond this nothing of the inverse is left in double precision.
+    condition = np.abs(scaled).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max()
+    if not condition < 1e13 or (np.diag(inverse) <= 0).any():
         raise CalibrationError(
             "the observations do not determine the calibration: add views with the board tilted, at other distances and"
             " at other laser angles"
         )
-    inverse = (vectors / values) @ vectors.T
     return np.asarray(inverse / scale[:, None] / scale)
 
 
