@@ -16,7 +16,7 @@ class CameraModel(Protocol):
 
     Attributes
     ----------
-    centre : point of C in which all rays meet, (3,), mm
+    centre : point of C in which all rays meet, (3,), mm (behind a port, :mod:`magtrak.ports`, they do so in air only)
     """
 
     centre: Floats

@@ -10,7 +10,8 @@ from .calibration import Calibration
 from .cloud.points import POINT
 from .errors import CalibrationError, CardError
 from .frames import Frame
-from .triangulate import MIN_SINE, quality, triangulate
+from .locate import locator
+from .triangulate import MIN_SINE, quality
 
 
 @dataclass
@@ -72,10 +73,9 @@ class Scan:
         self.clock_hz = clock_hz
         self.bare = bare
         self.min_quality = min_quality
-        self.min_sine = min_sine
         self.counts = Counts()
         self.chunks: list[Records] = [np.zeros(0, POINT)]
-        self._camera = calibration.camera.build()
+        self._locator = locator(calibration, min_sine)
         self._tracker = AngleTracker(clock_hz, calibration.camera.time_offset_s)
         self._first: Frame | None = None
         self._last: Frame | None = None
@@ -138,9 +138,7 @@ class Scan:
         use = rows.valid & (grade >= self.min_quality)
         self.counts.poor += int((rows.valid & ~use).sum())
         alpha = self.calibration.laser.alpha(angles.counts[use])
-        normals, offsets = self.calibration.laser.planes(alpha)
-        directions = self._camera.ray(rows.column_px[use], rows.row[use].astype(np.float64))
-        found = triangulate(self._camera.centre, directions, normals, offsets, self.min_sine)
+        found = self._locator.locate(rows.column_px[use], rows.row[use].astype(np.float64), alpha)
         self.counts.parallel += found.parallel
         self.counts.behind += found.behind
         good = np.flatnonzero(use)[found.valid]

@@ -36,8 +36,9 @@ def test_ready_made_scenes_can_be_scanned(name: str) -> None:
     for column, motor_rad in ((0, scene.scan.start_rad), (scene.camera.width - 1, scene.scan.end_rad)):
         # Where the plane's direction and the wall's distance put the line at the scan's ends.
         alpha = scene.laser.alpha(motor_rad)
-        x = -500 + 2250 * np.tan(alpha)
-        line = scene.camera.project(np.array([[x, 0, 2250]]))[0, 0]
+        pose = np.array(scene.laser.camera_from_laser)
+        light = pose[:3, :3] @ [np.cos(alpha), np.sin(alpha), 0]
+        line = scene.camera.project([pose[:3, 3] + light * (2250 - pose[2, 3]) / light[2]])[0, 0]
         assert line < 0 if column == 0 else line > column
 
 
@@ -99,7 +100,7 @@ WRONG = [
     ("inertia_kg_m2 = 0.21", "inertia_kg_m2 = 0", r"\[motor\] inertia_kg_m2 has to be a number greater than 0, not 0"),
     ("direction = [-0.3, -0.8, -0.5]", "direction = [0, 0, 0]", r"\[ambient\] direction has to point somewhere"),
     ("frames = 24", "frames = 0", r"\[scan\] frames has to be a whole number from 1"),
-    ('"sphere"', '"ball"', r"\[object 3\] shape has to be one of plane, box, cylinder, sphere, not 'ball'"),
+    ('"sphere"', '"ball"', r"\[object 3\] shape has to be one of plane, box, cylinder, sphere, board, not 'ball'"),
     ("radius_mm = 140", "radius_mm = -1", r"\[object 3\] shape sphere can't be: the radius .* positive, not -1"),
     ("[0.70, 0.80, 0.60]", "[0.70, 1.80, 0.60]", r"\[object 3\] albedo has to be a list of 3 numbers .* up to 1"),
     ("[scan]", "[scene]", r"\[scan\] frames is missing"),
@@ -143,7 +144,7 @@ def test_every_field_is_needed_or_has_a_default(tmp_path) -> None:
 
 
 def test_no_scene(tmp_path) -> None:
-    with pytest.raises(SimError, match="no scene called moon; there are default, quick, or"):
+    with pytest.raises(SimError, match=r"no scene called moon; there are .*default, .*quick, "):
         Scene.load("moon")
     with pytest.raises(SimError, match=r"none\.toml can't be read: No such file"):
         Scene.load(tmp_path / "none.toml")
