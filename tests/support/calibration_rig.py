@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from magtrak.calibrate.board import Board
+from magtrak.calibrate.board import A3, LARGE, Board
 from magtrak.calibrate.joint import difference
 from magtrak.calibrate.observations import Lines, Observations, View
 from magtrak.calibrate.rig import CAMERA, ENCODER, LASER, harmonic
@@ -17,8 +17,6 @@ from magtrak.laser import Laser as HostLaser
 from magtrak.triangulate import triangulate
 from sim.optics import Camera, Laser
 
-A3 = Board("a3", "charuco", 9, 6, 40.0, 30.0, band_mm=(-20.0, 245.0, 380.0, 290.0))
-LARGE = Board("large", "charuco", 9, 6, 95.0, 70.0, first_marker=100, band_mm=(-20.0, 580.0, 875.0, 680.0))
 WIDTH, HEIGHT = 640, 480
 COUNTS = 8192
 FRAME_RATE, ROW_S = 50.0, 0.8 * 0.02 / HEIGHT

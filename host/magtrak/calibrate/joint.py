@@ -166,7 +166,7 @@ def estimate(seen: Observations, error_table: Floats | None = None) -> Estimates
 
 
 def _standard(seen: Observations, found: Solution) -> Solution:
-    """With the laser in the form that files have. The local coordinates of the axis turn with X_L: their covariance too."""
+    """With the laser in the form that files have. The axis' local coordinates turn with X_L: so does their covariance."""
     rig = found.rig
     assert rig.laser is not None
     at = Predictions(seen)

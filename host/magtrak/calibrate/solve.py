@@ -1,14 +1,14 @@
 """Robust least squares over all observations at once, with the covariance of everything.
 
 Levenberg and Marquardt's method on the normal equations; their matrix is filled from a sparse Jacobian, for an
-observation knows only its own view and image. Large residuals weigh less (Huber). How noisy corners, rows and angles are
-is not asked of anybody: it is estimated from the residuals and their redundancy, until it no longer changes
-(variance components). Sources: P. J. Huber, "Robust statistics", 1981; K.-R. Koch, "Parameter estimation and hypothesis
-testing in linear models", 1999, section 3.6.
+observation knows only its own view and image. Large residuals weigh less (Huber). How noisy corners, rows and angles
+are is not asked of anybody: it is estimated from the residuals and their redundancy, until it no longer changes
+(variance components). Sources: P. J. Huber, "Robust statistics", 1981; K.-R. Koch, "Parameter estimation and
+hypothesis testing in linear models", 1999, section 3.6.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -52,7 +52,6 @@ class Solution:
     pose_sigmas : (V, 6) rad and mm; NaN where poses were not free
     noise : as estimated
     corners, lines : residuals, (N, 2) and (M,) px, predicted less seen
-    corner_leverage : (N,) part of a corner that the fit used up
     cost : robust chi squared
     full : everything needed to test another hypothesis: see :func:`gain`
     """
@@ -150,7 +149,7 @@ class Solver:
         return -self.predictions.heights(rig) / slopes
 
     def _priors(self, rig: Rig, noise: Noise) -> Floats:
-        scales = (rig.scales - 1) / self._scale_sigmas
+        scales: Floats = (rig.scales - 1) / self._scale_sigmas
         if rig.laser is None:
             return scales
         harmonics = rig.harmonics / np.array(HARMONIC_SIGMAS)
@@ -183,7 +182,7 @@ class Solver:
         if self.poses:
             owner = np.concatenate([np.repeat(at.corner_view, 2), at.line_view[: len(line_rows)]])
             count = len(owner)
-            data = np.zeros((count, 6))
+            data: Floats = np.zeros((count, 6))
             for axis, step in enumerate(rigs.POSE_STEPS):
                 move = np.zeros((views, 6))
                 move[:, axis] = step
@@ -192,8 +191,8 @@ class Solver:
             rows = np.repeat(np.arange(count), 6)
             blocks.append(sparse.csr_matrix((data.ravel(), (rows, columns.ravel())), (len(here), 6 * views)))
         if self.with_angles and at.images and rig.laser is not None:
-            move = np.full(at.images, rigs.ANGLE_STEP)
-            change = (self._residuals(rig.moved(still, None, move), noise, slopes) - here) / rigs.ANGLE_STEP
+            by_angle: Floats = np.full(at.images, rigs.ANGLE_STEP)
+            change = (self._residuals(rig.moved(still, None, by_angle), noise, slopes) - here) / rigs.ANGLE_STEP
             priors = np.arange(len(here) - at.images, len(here))
             rows = np.concatenate([line_rows, priors])
             columns = np.concatenate([at.line_image, np.arange(at.images)])
@@ -379,8 +378,3 @@ def _invert(normal: Floats) -> Floats:
             " at other laser angles"
         )
     return np.asarray(inverse / scale[:, None] / scale)
-
-
-def held_at(rig: Rig, **values: object) -> Rig:
-    """The rig with some of its parts replaced."""
-    return replace(rig, **values)  # type: ignore[arg-type]
