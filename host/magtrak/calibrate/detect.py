@@ -198,7 +198,7 @@ def _markers(picture: Picture, name: str) -> list[int]:
 
 def _quality(picture: Picture, board: Board, ids: Integers, corners: Floats, name: str) -> list[Finding]:
     """Blur, darkness, over-exposure around the corners."""
-    found = []
+    found: list[Finding] = []
     half = int(np.clip(_square_px(board, ids, corners) * 0.35, 4, 12))
     height, width = picture.shape
     edges, contrasts, full = [], [], []

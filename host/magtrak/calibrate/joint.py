@@ -86,6 +86,22 @@ def start_camera(seen: Observations) -> Rig:
     return Rig(camera, rotations, translations, np.ones(len(seen.boards)))
 
 
+def start_poses(seen: Observations, camera: Floats) -> Rig:
+    """Board poses for a camera (9,) that is known."""
+    import cv2
+
+    matrix = np.array([[camera[0], 0, camera[2]], [0, camera[1], camera[3]], [0, 0, 1]])
+    turns, shifts = [], []
+    for view in seen.views:
+        flat = np.c_[view.board.points(view.ids), np.zeros(len(view.ids))]
+        found, turn, shift = cv2.solvePnP(flat, view.corners, matrix, camera[4:], flags=cv2.SOLVEPNP_IPPE)
+        if not found:
+            raise CalibrationError(f"{view.name}: the board's pose cannot be found from its corners: leave it out")
+        turns.append(cv2.Rodrigues(turn)[0])
+        shifts.append(shift.ravel())
+    return Rig(camera, np.stack(turns), np.stack(shifts), np.ones(len(seen.boards)))
+
+
 def start_laser(seen: Observations, rig: Rig, counts_per_turn: int, error_table: Floats | None = None) -> list[Laser]:
     """Candidates for the laser from its lines, camera and poses being known."""
     at = Predictions(seen)
@@ -147,8 +163,14 @@ def is_timed(seen: Observations) -> bool:
     return bool(len(rates)) and float(np.ptp(rates)) > MIN_RATE * seen.counts_per_turn
 
 
-def estimate(seen: Observations, error_table: Floats | None = None) -> Estimates:
-    """The whole: camera, stepwise laser, joint fit.
+def estimate(
+    seen: Observations,
+    error_table: Floats | None = None,
+    *,
+    camera: Solution | None = None,
+    stepwise: Solution | None = None,
+) -> Estimates:
+    """The whole: camera, stepwise laser, joint fit; the first two, where they are not given.
 
     Raises
     ------
@@ -156,17 +178,17 @@ def estimate(seen: Observations, error_table: Floats | None = None) -> Estimates
         The observations fit no camera, no laser, or do not determine them.
     """
     seen = seen.thinned()
-    camera = estimate_camera(seen)
+    camera = camera or estimate_camera(seen)
     if not seen.images:
         return Estimates(seen, camera)
-    stepwise = estimate_laser(seen, camera, error_table=error_table)
+    stepwise = stepwise or estimate_laser(seen, camera, error_table=error_table)
     noise = Noise(camera.noise.corner, stepwise.noise.line, stepwise.noise.angle)
     joint = Solver(seen, held_parts(seen, camera.rig)).solve(stepwise.rig, noise)
-    return Estimates(seen, camera, _standard(seen, stepwise), _standard(seen, joint), is_timed(seen))
+    return Estimates(seen, camera, standard_solution(seen, stepwise), standard_solution(seen, joint), is_timed(seen))
 
 
-def _standard(seen: Observations, found: Solution) -> Solution:
-    """With the laser in the form that files have. The axis' local coordinates turn with X_L: so does their covariance."""
+def standard_solution(seen: Observations, found: Solution) -> Solution:
+    """With the laser in the form that files have. The axis' local coordinates turn with X_L, and their covariance."""
     rig = found.rig
     assert rig.laser is not None
     at = Predictions(seen)

@@ -169,10 +169,12 @@ class Predictions:
     def model(self, rig: Rig) -> BrownConrady:
         return BrownConrady(rig.matrix, rig.camera[4:], self.width, self.height, UNDISTORTION_STEPS)
 
-    def corners(self, rig: Rig) -> Floats:
-        """(N, 2) predicted less seen, px."""
+    def corners(self, rig: Rig, shift: Floats | None = None) -> Floats:
+        """(N, 2) predicted less seen, px; ``shift`` (N, 3) mm in B adds to where the corners are."""
         scale = rig.scales[self.board_of_view][self.corner_view]
         flat = np.concatenate([self.corner_at * scale[:, None], np.zeros((len(scale), 1))], axis=1)
+        if shift is not None:
+            flat = flat + shift
         points = np.einsum("nij,nj->ni", rig.rotations[self.corner_view], flat) + rig.translations[self.corner_view]
         return self.model(rig).project(points) - self.corner_px
 

@@ -8,7 +8,7 @@ hypothesis testing in linear models", 1999, section 3.6.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -103,9 +103,10 @@ class Solver:
         self.held = held
         self.poses = poses
         self.with_angles = angles
+        self._angles = self.predictions.images if angles else 0
         self._scale_sigmas = np.array([max(board.scale_sigma, 1e-9) for board in seen.boards])
 
-    def solve(self, start: Rig, noise: Noise | None = None, rounds: int = 5) -> Solution:
+    def solve(self, start: Rig, noise: Noise | None = None, rounds: int = 8) -> Solution:
         """From a start that is about right.
 
         Raises
@@ -214,12 +215,12 @@ class Solver:
         return rig.moved(shared, poses, angles)
 
     def _weights(self, residuals: Floats, priors: int) -> Floats:
-        """Huber's; the two coordinates of a corner share one, what is known beforehand keeps 1."""
+        """Huber's; the two coordinates of a corner share one, what is known of scales and harmonics keeps 1."""
         corners = 2 * len(self.predictions.corner_view)
         size = np.abs(residuals)
         pairs = np.hypot(residuals[:corners:2], residuals[1:corners:2]) / np.sqrt(2)
         size[:corners] = np.repeat(pairs, 2)
-        size[len(size) - priors :] = 0
+        size[len(size) - priors : len(size) - self._angles] = 0
         return np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
 
     def _cost(self, residuals: Floats, priors: int) -> float:
@@ -288,8 +289,9 @@ class Solver:
         angle = noise.angle
         count = self.predictions.images
         if self.with_angles and count and rig.laser is not None:
-            known = 1 - np.diag(system.inverse)[-count:] / noise.angle**2
-            angle = float(np.sqrt(np.sum(rig.angles**2) / max(float(known.sum()), 1e-3 * count)))
+            weights = system.weights[-count:]
+            known = weights * (1 - weights * np.diag(system.inverse)[-count:] / noise.angle**2)
+            angle = float(np.sqrt(np.sum(weights * rig.angles**2) / max(float(known.sum()), 1e-3 * count)))
         return Noise(
             max(noise.corner * scaled[0], LEAST["corner"]),
             max(noise.line * scaled[1], LEAST["line"]),
@@ -333,6 +335,32 @@ class Solver:
             else:
                 result[name] = (slope**2 / power, -slope / power)
         return result
+
+    def by_counts(self, found: Solution) -> Floats:
+        """Whitened derivative of all residuals by a count more in every image."""
+        slopes = self._slopes(found.rig)
+        moved = replace(found.rig, angles=found.rig.angles + rigs.ANGLE_STEP)
+        change = (self._lines(moved, slopes) - self._lines(found.rig, slopes)) / rigs.ANGLE_STEP / found.noise.line
+        return self._column(found, None, change)
+
+    def by_points(self, found: Solution, shift: Floats) -> Floats:
+        """Whitened derivative of all residuals by a part of ``shift`` (N, 3) mm, by which corners lie elsewhere."""
+        step = 1e-3
+        there = self.predictions.corners(found.rig, step * shift)
+        return self._column(found, (there - self.predictions.corners(found.rig)) / step / found.noise.corner, None)
+
+    def by_columns(self, found: Solution, shift_px: Floats) -> Floats:
+        """Whitened derivative of all residuals by a part of ``shift_px`` (M,), by which lines lie elsewhere."""
+        return self._column(found, None, shift_px / found.noise.line)
+
+    def _column(self, found: Solution, corners: Floats | None, lines: Floats | None) -> Floats:
+        column = np.zeros(len(found.full.residuals))
+        count = 2 * len(self.predictions.corner_view)
+        if corners is not None:
+            column[:count] = corners.ravel()
+        if lines is not None:
+            column[count : count + len(lines)] = lines
+        return column
 
     def derivative(self, found: Solution, name: str) -> Floats:
         """Whitened derivative of all residuals by a shared parameter that is held."""
