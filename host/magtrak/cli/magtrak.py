@@ -4,7 +4,9 @@ from importlib import import_module
 
 import click
 
-COMMANDS: dict[str, tuple[str, str]] = {}
+COMMANDS: dict[str, tuple[str, str]] = {
+    "calibrate": ("calibrate", "Calibrate camera and laser, show and check a calibration."),
+}
 """Name of each command: its module beside this one, and one line for the list."""
 
 
