@@ -4,6 +4,7 @@ Each has another rig, other placements and other noise. ``CALIBRATIONS=20 python
 """
 
 import os
+import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -49,6 +50,8 @@ def run() -> Iterator[Figure]:
     study = Study()
     for seed in range(FIRST, FIRST + COUNT):
         study.add(seed)
+        if not sys.stderr.isatty() and seed % 10 == 9:
+            print(f"  {seed + 1 - FIRST} of {COUNT}: {study.share():.2f} % within 2 sigma", file=sys.stderr, flush=True)
     joint, stepwise = np.percentile(study.joint, 95, axis=0), np.percentile(study.stepwise, 95, axis=0)
     theirs = np.concatenate(list(study.stepwise_within.values()))
     share = study.share()

@@ -26,6 +26,7 @@ MIN_DEPTH = 1.25
 WALL_DEG, WALL_PART = 3.0, 0.03
 DISTANCES_MM = (60.0, 20_000.0)
 CORNER_PX, LINE_PX = 0.4, 0.3
+ANGLE_COUNTS = 0.25
 BAD_VIEW = 4.0
 GAIN = 40.0
 """Chi squared that a cause must explain: more than six sigma."""
@@ -108,16 +109,10 @@ def after_joint(estimates: Estimates) -> list[Finding]:
     if found is None:
         return []
     findings = [*_moved_boards(seen, found), *_laser_cause(seen, found)]
+    if found.noise.angle > ANGLE_COUNTS and not findings:
+        findings.append(finding("angles-noisy", counts=found.noise.angle))
     if found.noise.line > LINE_PX:
         findings.append(finding("lines-noisy", px=found.noise.line))
-    for number, board in enumerate(seen.boards):
-        if board.scale_sigma == 0:
-            continue
-        off = found.rig.scales[number] - 1
-        if abs(off) > 4 * board.scale_sigma:
-            findings.append(
-                finding("square-size", board=board.name, percent=100 * off, sigmas=abs(off) / board.scale_sigma)
-            )
     return findings
 
 
@@ -208,6 +203,13 @@ def _laser_cause(seen: Observations, found: Solution) -> list[Finding]:
     for first, second in pairwise(np.unique(owner)):
         columns[f"moved {second}"] = part((owner > first).astype(np.float64))
         texts[f"moved {second}"] = _above(0.3, "moved", "degrees", degrees, view=seen.views[int(second)].name)
+    columns["counts"] = by_counts.copy()
+    columns["counts"][corners : corners + len(owner)] *= at.counts
+    texts["counts"] = _counts_per_turn(seen.counts_per_turn)
+    for number, board in enumerate(seen.boards if len(seen.boards) > 1 else []):
+        columns[f"square {number}"] = solver.derivative(found, f"scale{number}")
+        columns[f"square {number}"][corners + len(owner) :] = 0
+        texts[f"square {number}"] = _above(2e-3, "square-size", "percent", 100.0, board=board.name)
     columns["curved"] = solver.by_columns(found, _curve(solver, found))
     texts["curved"] = _above(0.15, "curved-line", "mm", 1.0)
     return _best(solver, found, columns, texts)
@@ -224,6 +226,15 @@ def _curve(solver: Solver, found: Solution) -> Floats:
     return np.asarray(fan**2 / max(float((fan**2).max()), 1e-9) / at.slopes(rig))
 
 
+def _counts_per_turn(given: int) -> Callable[[float], Finding | None]:
+    def make(value: float) -> Finding | None:
+        if abs(value) < 1e-3:
+            return None
+        raise refuse("counts-per-turn", found=given / (1 + value), given=given)
+
+    return make
+
+
 def _above(least: float, key: str, field: str, factor: float, **fields: object) -> Callable[[float], Finding | None]:
     """The finding, where its value reaches ``least``."""
 
@@ -238,11 +249,16 @@ def _best(
 ) -> list[Finding]:
     """The cause that explains most, if it explains much and is large enough to matter."""
     gains = solver.gain(found, columns)
-    name = max(gains, key=lambda key: gains[key][0], default="")
-    if not name or gains[name][0] < GAIN:
-        return []
-    result = texts[name](gains[name][1])
-    return [] if result is None else [result]
+    least = min(GAIN, 0.4 * solver.predictions.images) if found.rig.laser is not None else GAIN
+    most = max((gain for gain, _ in gains.values()), default=0.0)
+    for name in sorted(gains, key=lambda key: -gains[key][0]):
+        gain, value = gains[name]
+        if gain < max(least, 0.5 * most):
+            break
+        result = texts[name](value)
+        if result is not None:
+            return [result]
+    return []
 
 
 def _moved_boards(seen: Observations, found: Solution) -> list[Finding]:

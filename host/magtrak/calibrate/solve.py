@@ -25,8 +25,13 @@ HUBER = 2.5
 HARMONIC_SIGMAS = (1.0, 1.0, 0.3, 0.3)
 """What an encoder's once- and twice-a-turn errors may be without being measured, counts, 1 sigma."""
 
+TRIM, TRIMMED = 3.0, 0.9733
+"""Sigmas are estimated from residuals within 3 sigma, which have this part of the variance of all, were they normal."""
+
+_LINES_ONLY = {*rigs.LASER, *rigs.ENCODER}
+
 MAX_STEPS = 40
-CONVERGED = 1e-8
+CONVERGED = 1e-7
 LEAST = {"corner": 0.003, "line": 0.002, "angle": 1e-4}
 """No sigma is believed below: px, px, counts."""
 
@@ -106,7 +111,7 @@ class Solver:
         self._angles = self.predictions.images if angles else 0
         self._scale_sigmas = np.array([max(board.scale_sigma, 1e-9) for board in seen.boards])
 
-    def solve(self, start: Rig, noise: Noise | None = None, rounds: int = 8) -> Solution:
+    def solve(self, start: Rig, noise: Noise | None = None, rounds: int = 6) -> Solution:
         """From a start that is about right.
 
         Raises
@@ -121,7 +126,7 @@ class Solver:
             system = self._system(rig, noise)
             before, noise = noise, self._components(rig, noise, system)
             change = max(abs(np.log(a / b)) for a, b in zip(vars(noise).values(), vars(before).values(), strict=True))
-            if change < 0.02:
+            if change < 0.03:
                 break
         return self._solution(rig, noise)
 
@@ -175,7 +180,13 @@ class Solver:
         shared = np.zeros((len(here), len(free)))
         for column, number in enumerate(free):
             step = rigs.STEPS.get(names[number], rigs.SCALE_STEP)
-            there = self._residuals(rig.moved(step * np.eye(len(names))[number]), noise, slopes)
+            moved = rig.moved(step * np.eye(len(names))[number])
+            if names[number] in _LINES_ONLY:  # corners know nothing of the laser
+                corners = here[: len(corner_rows)]
+                rest = [self._lines(moved, slopes) / noise.line, self._priors(moved, noise)]
+                there = np.concatenate([corners, *rest])
+            else:
+                there = self._residuals(moved, noise, slopes)
             shared[:, column] = (there - here) / step
         blocks = [sparse.csr_matrix(shared)]
         still = np.zeros(len(names))
@@ -193,7 +204,9 @@ class Solver:
             blocks.append(sparse.csr_matrix((data.ravel(), (rows, columns.ravel())), (len(here), 6 * views)))
         if self.with_angles and at.images and rig.laser is not None:
             by_angle: Floats = np.full(at.images, rigs.ANGLE_STEP)
-            change = (self._residuals(rig.moved(still, None, by_angle), noise, slopes) - here) / rigs.ANGLE_STEP
+            moved = rig.moved(still, None, by_angle)
+            rest = [self._lines(moved, slopes) / noise.line, self._priors(moved, noise)]
+            change = (np.concatenate([here[: len(corner_rows)], *rest]) - here) / rigs.ANGLE_STEP
             priors = np.arange(len(here) - at.images, len(here))
             rows = np.concatenate([line_rows, priors])
             columns = np.concatenate([at.line_image, np.arange(at.images)])
@@ -275,27 +288,26 @@ class Solver:
         return System(residuals, jacobian, weights, _invert(normal), groups)
 
     def _components(self, rig: Rig, noise: Noise, system: System) -> Noise:
-        """Sigmas from residuals and redundancy, group by group."""
+        """Sigmas from residuals and redundancy, group by group; what lies beyond 3 sigma tells nothing of them."""
         scaled = []
         for group in (0, 1):
-            mine = system.groups == group
-            if not mine.any():
+            mine = np.flatnonzero(system.groups == group)
+            if not len(mine):
                 scaled.append(1.0)
                 continue
-            normal = _normal(system.jacobian[np.flatnonzero(mine)], system.weights[mine])
+            normal = _normal(system.jacobian[mine], system.weights[mine])
             used = float(np.sum(normal * system.inverse))
-            redundancy = max(float(system.weights[mine].sum()) - used, 1.0)
-            scaled.append(float(np.sqrt(np.sum(system.weights[mine] * system.residuals[mine] ** 2) / redundancy)))
-        angle = noise.angle
+            scaled.append(_scale(system.residuals[mine], np.full(len(mine), 1 - used / len(mine))))
+        angle = 1.0
         count = self.predictions.images
         if self.with_angles and count and rig.laser is not None:
-            weights = system.weights[-count:]
-            known = weights * (1 - weights * np.diag(system.inverse)[-count:] / noise.angle**2)
-            angle = float(np.sqrt(np.sum(weights * rig.angles**2) / max(float(known.sum()), 1e-3 * count)))
+            # The less an image tells of its own angle, the less of the angle's scatter shows.
+            known = 1 - np.diag(system.inverse)[-count:] / noise.angle**2
+            angle = _scale(rig.angles / noise.angle, np.maximum(known, 1e-3))
         return Noise(
             max(noise.corner * scaled[0], LEAST["corner"]),
             max(noise.line * scaled[1], LEAST["line"]),
-            max(angle, LEAST["angle"]),
+            max(noise.angle * angle, LEAST["angle"]),
         )
 
     def _solution(self, rig: Rig, noise: Noise) -> Solution:
@@ -389,6 +401,18 @@ def _solve(normal: Floats, gradient: Floats, damping: float) -> Floats:
     except linalg.LinAlgError:
         factor = linalg.cho_factor(scaled + 1e-6 * np.eye(len(scale)))
     return np.asarray(linalg.cho_solve(factor, gradient / scale) / scale)
+
+
+def _scale(values: Floats, known: Floats) -> float:
+    """Sigma of ``values``, each of which shows a part ``known`` of its variance, from those within 3 sigma."""
+    size = np.abs(values) / np.sqrt(known)
+    sigma = 1.4826 * float(np.median(size))
+    for _ in range(20):
+        inner = size < TRIM * sigma
+        if not inner.any():
+            break
+        sigma = float(np.sqrt(np.sum(values[inner] ** 2) / np.sum(known[inner]) / TRIMMED))
+    return max(sigma, 1e-9)
 
 
 def _invert(normal: Floats) -> Floats:

@@ -138,7 +138,7 @@ def joint(
     "--measured",
     type=(float, float, float, float),
     metavar="X Y Z ZERO_DEG",
-    help="No session: by hand, as in the paper. The axis' place in the camera's frame (mm), axis down; zero in degrees.",
+    help="No session: by hand, as in the paper. The axis' place in the camera's frame, mm, axis down; zero, degrees.",
 )
 @click.option("--sense", type=click.Choice(["1", "-1"]), default="1", show_default=True, help="For --measured.")
 @click.option("--counts-per-turn", type=int, default=8192, show_default=True, help="For --measured.")
