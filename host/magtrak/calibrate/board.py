@@ -5,16 +5,15 @@ millimetres; so that a board that faces the camera upright has the camera's own 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..arrays import Booleans, Floats, Integers
+from ..checked import Checked
 from ..errors import CalibrationError
 
-KINDS = ("charuco", "chessboard")
-
-BAND_MM = {"a3": 45.0}
-"""Height of the blank band below the pattern."""
+PATTERNS = ("charuco", "chessboard")
 
 SCALE_SIGMA = 3e-4
 """How well a printed board that was measured with a steel rule keeps its size, 1 sigma."""
@@ -27,7 +26,7 @@ class Board:
     Parameters
     ----------
     name : for messages and files
-    kind : ``"charuco"`` or ``"chessboard"``
+    pattern : ``"charuco"`` or ``"chessboard"``
     columns, rows : squares
     square_mm, marker_mm : sides of a square and of a marker in it (ChArUco)
     dictionary : OpenCV's name of the markers' dictionary
@@ -38,25 +37,27 @@ class Board:
     """
 
     name: str
-    kind: str
+    pattern: str
     columns: int
     rows: int
     square_mm: float
     marker_mm: float = 0.0
-    dictionary: str = "DICT_4X4_250"
+    dictionary: str = "DICT_5X5_100"
     legacy: bool = False
     first_marker: int = 0
     band_mm: tuple[float, float, float, float] | None = None
     scale_sigma: float = SCALE_SIGMA
 
     def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise CalibrationError(f"board {self.name}: kind is {self.kind!r}; it must be 'charuco' or 'chessboard'")
+        if self.pattern not in PATTERNS:
+            raise CalibrationError(
+                f"board {self.name}: pattern is {self.pattern!r}; it must be 'charuco' or 'chessboard'"
+            )
         if self.columns < 3 or self.rows < 3:
             raise CalibrationError(
                 f"board {self.name}: {self.columns} x {self.rows} squares are too few; take at least 3 x 3"
             )
-        if self.square_mm <= 0 or (self.kind == "charuco" and not 0 < self.marker_mm < self.square_mm):
+        if self.square_mm <= 0 or (self.pattern == "charuco" and not 0 < self.marker_mm < self.square_mm):
             raise CalibrationError(
                 f"board {self.name}: markers of {self.marker_mm:g} mm do not fit into squares of"
                 f" {self.square_mm:g} mm; measure both on the print"
@@ -77,12 +78,54 @@ class Board:
         ids = np.asarray(ids)
         return np.stack([ids % (self.columns - 1) + 1.0, ids // (self.columns - 1) + 1.0], axis=-1) * self.square_mm
 
-    def on_band(self, points: Floats, margin_mm: Floats) -> Booleans:
-        """Which of (N, 2) points lie on the blank band, at least ``margin_mm`` (N,) from its border."""
+    def on_band(self, points: Floats) -> Booleans:
+        """Which of (N, 2) points lie on the blank band."""
         if self.band_mm is None:
             return np.zeros(len(points), bool)
         left, top, right, bottom = self.band_mm
         x, y = points[:, 0], points[:, 1]
-        return np.asarray(
-            (x > left + margin_mm) & (x < right - margin_mm) & (y > top + margin_mm) & (y < bottom - margin_mm)
+        return np.asarray((x > left) & (x < right) & (y > top) & (y < bottom))
+
+    def as_dict(self) -> dict[str, Any]:
+        """For session files."""
+        values: dict[str, Any] = {"pattern": self.pattern, "columns": self.columns, "rows": self.rows}
+        values["square_mm"] = self.square_mm
+        if self.pattern == "charuco":
+            values |= {"marker_mm": self.marker_mm, "dictionary": self.dictionary, "first_marker": self.first_marker}
+            values["legacy"] = self.legacy
+        return values | {"band_mm": self.band_mm and list(self.band_mm), "scale_sigma": self.scale_sigma}
+
+    @classmethod
+    def parse(cls, name: str, table: Checked) -> "Board":
+        """From a session file's table."""
+        known = ("pattern", "columns", "rows", "square_mm", "marker_mm", "dictionary", "first_marker", "legacy")
+        table.only([*known, "band_mm", "scale_sigma"])
+        pattern = table.choice("pattern", PATTERNS)
+        charuco = pattern == "charuco"
+        band = None
+        if table.values.get("band_mm") is not None:
+            left, top, right, bottom = table.array("band_mm", (4,)).tolist()
+            band = (left, top, right, bottom)
+        return cls(
+            name,
+            pattern,
+            table.integer("columns", 3, 100),
+            table.integer("rows", 3, 100),
+            table.number("square_mm", 0, 10_000),
+            table.number("marker_mm", 0, 10_000) if charuco else 0.0,
+            str(table.values.get("dictionary", "DICT_5X5_100")),
+            table.boolean("legacy", False),
+            table.integer("first_marker", 0, 10_000, 0),
+            band,
+            table.number("scale_sigma", 0, 0.1, SCALE_SIGMA),
         )
+
+
+A3 = Board("a3", "charuco", 9, 6, 40.0, 30.0, band_mm=(-30.0, 240.0, 390.0, 289.0))
+"""On a sheet of A3, for distances to 1.3 m."""
+
+LARGE = Board("large", "charuco", 9, 6, 95.0, 71.25, band_mm=(-60.0, 570.0, 915.0, 720.0))
+"""A panel of 0.98 x 0.74 m, for distances to 3 m."""
+
+BOARDS = {board.name: board for board in (A3, LARGE)}
+"""The boards of the guided procedure."""

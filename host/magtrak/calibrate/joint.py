@@ -68,9 +68,7 @@ def start_camera(seen: Observations) -> Rig:
     """OpenCV's calibration of the pinhole, k3 held at 0."""
     import cv2
 
-    objects = [
-        np.c_[view.board.points(view.ids), np.zeros(len(view.ids))].astype(np.float32) for view in seen.views
-    ]
+    objects = [np.c_[view.board.points(view.ids), np.zeros(len(view.ids))].astype(np.float32) for view in seen.views]
     images = [view.corners.astype(np.float32).reshape(-1, 1, 2) for view in seen.views]
     size = (seen.width, seen.height)
     try:
@@ -86,6 +84,22 @@ def start_camera(seen: Observations) -> Rig:
     rotations = np.stack([cv2.Rodrigues(turn)[0] for turn in turns])
     translations = np.stack([shift.ravel() for shift in shifts])
     return Rig(camera, rotations, translations, np.ones(len(seen.boards)))
+
+
+def start_poses(seen: Observations, camera: Floats) -> Rig:
+    """Board poses for a camera (9,) that is known."""
+    import cv2
+
+    matrix = np.array([[camera[0], 0, camera[2]], [0, camera[1], camera[3]], [0, 0, 1]])
+    turns, shifts = [], []
+    for view in seen.views:
+        flat = np.c_[view.board.points(view.ids), np.zeros(len(view.ids))]
+        found, turn, shift = cv2.solvePnP(flat, view.corners, matrix, camera[4:], flags=cv2.SOLVEPNP_IPPE)
+        if not found:
+            raise CalibrationError(f"{view.name}: the board's pose cannot be found from its corners: leave it out")
+        turns.append(cv2.Rodrigues(turn)[0])
+        shifts.append(shift.ravel())
+    return Rig(camera, np.stack(turns), np.stack(shifts), np.ones(len(seen.boards)))
 
 
 def start_laser(seen: Observations, rig: Rig, counts_per_turn: int, error_table: Floats | None = None) -> list[Laser]:
@@ -114,13 +128,13 @@ def estimate_laser(
     CalibrationError
         The lines fit no swept plane.
     """
-    solver = Solver(seen, held_parts(seen, camera.rig, camera=True), poses=False)
+    held = held_parts(seen, camera.rig, camera=True)
+    coarse = Solver(seen, held | {"cos1", "sin1", "cos2", "sin2"}, poses=False, angles=False)
     best: Solution | None = None
-    candidates = [*starts, *start_laser(seen, camera.rig, seen.counts_per_turn, error_table)]
-    for laser in candidates:
-        start = replace(camera.rig, laser=laser, angles=np.zeros(solver.predictions.images))
+    for laser in [*starts, *start_laser(seen, camera.rig, seen.counts_per_turn, error_table)]:
+        start = replace(camera.rig, laser=laser, angles=np.zeros(coarse.predictions.images))
         try:
-            found = solver.solve(start, Noise(camera.noise.corner, 1.0, 0.5), rounds=6)
+            found = coarse.solve(start, Noise(camera.noise.corner, 1.0), rounds=2)
         except CalibrationError:
             continue
         if best is None or found.noise.line < best.noise.line:
@@ -130,7 +144,7 @@ def estimate_laser(
             "the laser lines fit no plane that turns with the encoder: check that the lines lie on the board's blank"
             " band, that the encoder counts, and that neither camera nor laser was moved between views"
         )
-    return best
+    return Solver(seen, held, poses=False).solve(best.rig, best.noise)
 
 
 def held_parts(seen: Observations, rig: Rig, *, camera: bool = False) -> frozenset[str]:
@@ -149,25 +163,32 @@ def is_timed(seen: Observations) -> bool:
     return bool(len(rates)) and float(np.ptp(rates)) > MIN_RATE * seen.counts_per_turn
 
 
-def estimate(seen: Observations, error_table: Floats | None = None) -> Estimates:
-    """The whole: camera, stepwise laser, joint fit.
+def estimate(
+    seen: Observations,
+    error_table: Floats | None = None,
+    *,
+    camera: Solution | None = None,
+    stepwise: Solution | None = None,
+) -> Estimates:
+    """The whole: camera, stepwise laser, joint fit; the first two, where they are not given.
 
     Raises
     ------
     CalibrationError
         The observations fit no camera, no laser, or do not determine them.
     """
-    camera = estimate_camera(seen)
+    seen = seen.thinned()
+    camera = camera or estimate_camera(seen)
     if not seen.images:
         return Estimates(seen, camera)
-    stepwise = estimate_laser(seen, camera, error_table=error_table)
+    stepwise = stepwise or estimate_laser(seen, camera, error_table=error_table)
     noise = Noise(camera.noise.corner, stepwise.noise.line, stepwise.noise.angle)
     joint = Solver(seen, held_parts(seen, camera.rig)).solve(stepwise.rig, noise)
-    return Estimates(seen, camera, _standard(seen, stepwise), _standard(seen, joint), is_timed(seen))
+    return Estimates(seen, camera, standard_solution(seen, stepwise), standard_solution(seen, joint), is_timed(seen))
 
 
-def _standard(seen: Observations, found: Solution) -> Solution:
-    """With the laser in the form that files have. The local coordinates of the axis turn with X_L: their covariance too."""
+def standard_solution(seen: Observations, found: Solution) -> Solution:
+    """With the laser in the form that files have. The axis' local coordinates turn with X_L, and their covariance."""
     rig = found.rig
     assert rig.laser is not None
     at = Predictions(seen)

@@ -1,12 +1,15 @@
 """What was seen of boards: corners in pictures, and rows of laser lines with the encoder's position."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..arrays import Floats, Integers
 from .board import Board
+
+ROWS = 24
+"""Rows of an image that a fit uses: more tell little, for all share the error of the image's angle."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,10 @@ class Observations:
     views: Sequence[View]
     counts_per_turn: int = 8192
 
+    def thinned(self, rows: int = ROWS) -> "Observations":
+        """With at most so many rows of each image, evenly spread."""
+        return replace(self, views=[replace(view, lines=_thin(view.lines, rows)) for view in self.views])
+
     @property
     def boards(self) -> list[Board]:
         """The boards in use, each once, in order."""
@@ -79,3 +86,13 @@ class Observations:
     def images(self) -> int:
         """Laser images."""
         return sum(len(np.unique(view.lines.image)) for view in self.views)
+
+
+def _thin(lines: Lines, rows: int) -> Lines:
+    keep = []
+    for image in np.unique(lines.image):
+        mine = np.flatnonzero(lines.image == image)
+        if len(mine) > rows:
+            mine = mine[np.round(np.linspace(0, len(mine) - 1, rows)).astype(np.int64)]
+        keep.append(mine)
+    return lines[np.concatenate(keep)] if keep else lines

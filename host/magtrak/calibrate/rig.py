@@ -164,23 +164,34 @@ class Predictions:
             first += len(found)
         self.images = first
         self.line_image: Integers = np.concatenate(images)
+        self._known_rays: dict[tuple[bytes, bytes], Floats] = {}
 
     def model(self, rig: Rig) -> BrownConrady:
         return BrownConrady(rig.matrix, rig.camera[4:], self.width, self.height, UNDISTORTION_STEPS)
 
-    def corners(self, rig: Rig) -> Floats:
-        """(N, 2) predicted less seen, px."""
+    def corners(self, rig: Rig, shift: Floats | None = None) -> Floats:
+        """(N, 2) predicted less seen, px; ``shift`` (N, 3) mm in B adds to where the corners are."""
         scale = rig.scales[self.board_of_view][self.corner_view]
         flat = np.concatenate([self.corner_at * scale[:, None], np.zeros((len(scale), 1))], axis=1)
+        if shift is not None:
+            flat = flat + shift
         points = np.einsum("nij,nj->ni", rig.rotations[self.corner_view], flat) + rig.translations[self.corner_view]
         return self.model(rig).project(points) - self.corner_px
 
     def heights(self, rig: Rig, columns: Floats | None = None) -> Floats:
         """(M,) signed distance from the laser plane, mm, of where each row's ray meets its board."""
-        rays = self.model(rig).ray(self.column if columns is None else columns, self.row)
-        points = self.on_board(rig, rays)
+        points = self.on_board(rig, self._rays(rig, self.column if columns is None else columns))
         normals, distance = self.planes(rig)
         return np.asarray(np.einsum("ni,ni->n", normals, points) - distance)
+
+    def _rays(self, rig: Rig, columns: Floats) -> Floats:
+        """(M, 3) rays of the rows; kept, for most steps leave the camera as it is."""
+        key = (rig.camera.tobytes(), columns.tobytes())
+        if key not in self._known_rays:
+            if len(self._known_rays) >= 4:
+                self._known_rays.pop(next(iter(self._known_rays)))
+            self._known_rays[key] = self.model(rig).ray(columns, self.row)
+        return self._known_rays[key]
 
     def on_board(self, rig: Rig, rays: Floats) -> Floats:
         """(M, 3) points of C where the rays of the rows meet their boards."""

@@ -1,10 +1,10 @@
 """Robust least squares over all observations at once, with the covariance of everything.
 
 Levenberg and Marquardt's method on the normal equations; their matrix is filled from a sparse Jacobian, for an
-observation knows only its own view and image. Large residuals weigh less (Huber). How noisy corners, rows and angles are
-is not asked of anybody: it is estimated from the residuals and their redundancy, until it no longer changes
-(variance components). Sources: P. J. Huber, "Robust statistics", 1981; K.-R. Koch, "Parameter estimation and hypothesis
-testing in linear models", 1999, section 3.6.
+observation knows only its own view and image. Large residuals weigh less (Huber). How noisy corners, rows and angles
+are is not asked of anybody: it is estimated from the residuals and their redundancy, until it no longer changes
+(variance components). Sources: P. J. Huber, "Robust statistics", 1981; K.-R. Koch, "Parameter estimation and
+hypothesis testing in linear models", 1999, section 3.6.
 """
 
 from collections.abc import Mapping
@@ -25,8 +25,13 @@ HUBER = 2.5
 HARMONIC_SIGMAS = (1.0, 1.0, 0.3, 0.3)
 """What an encoder's once- and twice-a-turn errors may be without being measured, counts, 1 sigma."""
 
+TRIM, TRIMMED = 3.0, 0.9733
+"""Sigmas are estimated from residuals within 3 sigma, which have this part of the variance of all, were they normal."""
+
+_LINES_ONLY = {*rigs.LASER, *rigs.ENCODER}
+
 MAX_STEPS = 40
-CONVERGED = 1e-8
+CONVERGED = 1e-7
 LEAST = {"corner": 0.003, "line": 0.002, "angle": 1e-4}
 """No sigma is believed below: px, px, counts."""
 
@@ -52,7 +57,6 @@ class Solution:
     pose_sigmas : (V, 6) rad and mm; NaN where poses were not free
     noise : as estimated
     corners, lines : residuals, (N, 2) and (M,) px, predicted less seen
-    corner_leverage : (N,) part of a corner that the fit used up
     cost : robust chi squared
     full : everything needed to test another hypothesis: see :func:`gain`
     """
@@ -104,9 +108,10 @@ class Solver:
         self.held = held
         self.poses = poses
         self.with_angles = angles
+        self._angles = self.predictions.images if angles else 0
         self._scale_sigmas = np.array([max(board.scale_sigma, 1e-9) for board in seen.boards])
 
-    def solve(self, start: Rig, noise: Noise | None = None, rounds: int = 4) -> Solution:
+    def solve(self, start: Rig, noise: Noise | None = None, rounds: int = 6) -> Solution:
         """From a start that is about right.
 
         Raises
@@ -121,7 +126,7 @@ class Solver:
             system = self._system(rig, noise)
             before, noise = noise, self._components(rig, noise, system)
             change = max(abs(np.log(a / b)) for a, b in zip(vars(noise).values(), vars(before).values(), strict=True))
-            if change < 0.02:
+            if change < 0.03:
                 break
         return self._solution(rig, noise)
 
@@ -150,7 +155,7 @@ class Solver:
         return -self.predictions.heights(rig) / slopes
 
     def _priors(self, rig: Rig, noise: Noise) -> Floats:
-        scales = (rig.scales - 1) / self._scale_sigmas
+        scales: Floats = (rig.scales - 1) / self._scale_sigmas
         if rig.laser is None:
             return scales
         harmonics = rig.harmonics / np.array(HARMONIC_SIGMAS)
@@ -175,7 +180,13 @@ class Solver:
         shared = np.zeros((len(here), len(free)))
         for column, number in enumerate(free):
             step = rigs.STEPS.get(names[number], rigs.SCALE_STEP)
-            there = self._residuals(rig.moved(step * np.eye(len(names))[number]), noise, slopes)
+            moved = rig.moved(step * np.eye(len(names))[number])
+            if names[number] in _LINES_ONLY:  # corners know nothing of the laser
+                corners = here[: len(corner_rows)]
+                rest = [self._lines(moved, slopes) / noise.line, self._priors(moved, noise)]
+                there = np.concatenate([corners, *rest])
+            else:
+                there = self._residuals(moved, noise, slopes)
             shared[:, column] = (there - here) / step
         blocks = [sparse.csr_matrix(shared)]
         still = np.zeros(len(names))
@@ -183,7 +194,7 @@ class Solver:
         if self.poses:
             owner = np.concatenate([np.repeat(at.corner_view, 2), at.line_view[: len(line_rows)]])
             count = len(owner)
-            data = np.zeros((count, 6))
+            data: Floats = np.zeros((count, 6))
             for axis, step in enumerate(rigs.POSE_STEPS):
                 move = np.zeros((views, 6))
                 move[:, axis] = step
@@ -192,8 +203,10 @@ class Solver:
             rows = np.repeat(np.arange(count), 6)
             blocks.append(sparse.csr_matrix((data.ravel(), (rows, columns.ravel())), (len(here), 6 * views)))
         if self.with_angles and at.images and rig.laser is not None:
-            move = np.full(at.images, rigs.ANGLE_STEP)
-            change = (self._residuals(rig.moved(still, None, move), noise, slopes) - here) / rigs.ANGLE_STEP
+            by_angle: Floats = np.full(at.images, rigs.ANGLE_STEP)
+            moved = rig.moved(still, None, by_angle)
+            rest = [self._lines(moved, slopes) / noise.line, self._priors(moved, noise)]
+            change = (np.concatenate([here[: len(corner_rows)], *rest]) - here) / rigs.ANGLE_STEP
             priors = np.arange(len(here) - at.images, len(here))
             rows = np.concatenate([line_rows, priors])
             columns = np.concatenate([at.line_image, np.arange(at.images)])
@@ -215,12 +228,12 @@ class Solver:
         return rig.moved(shared, poses, angles)
 
     def _weights(self, residuals: Floats, priors: int) -> Floats:
-        """Huber's; the two coordinates of a corner share one, what is known beforehand keeps 1."""
+        """Huber's; the two coordinates of a corner share one, what is known of scales and harmonics keeps 1."""
         corners = 2 * len(self.predictions.corner_view)
         size = np.abs(residuals)
         pairs = np.hypot(residuals[:corners:2], residuals[1:corners:2]) / np.sqrt(2)
         size[:corners] = np.repeat(pairs, 2)
-        size[len(size) - priors :] = 0
+        size[len(size) - priors : len(size) - self._angles] = 0
         return np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
 
     def _cost(self, residuals: Floats, priors: int) -> float:
@@ -231,7 +244,7 @@ class Solver:
         return float(np.sum(weight * residuals**2 * (2 - weight)))
 
     def _descend(self, rig: Rig, noise: Noise) -> Rig:
-        damping = 1e-4
+        damping = 1e-6
         priors = len(self._priors(rig, noise))
         slopes = self._slopes(rig)
         residuals = self._residuals(rig, noise, slopes)
@@ -240,9 +253,9 @@ class Solver:
             raise CalibrationError("the start of the fit lies outside what the camera sees: check board and pictures")
         for _ in range(MAX_STEPS):
             jacobian = self._jacobian(rig, noise, slopes)
-            weighted = jacobian.multiply(self._weights(residuals, priors)[:, None]).tocsr()
-            normal = np.asarray((jacobian.T @ weighted).todense())
-            gradient = np.asarray(weighted.T @ residuals)
+            weights = self._weights(residuals, priors)
+            normal = _normal(jacobian, weights)
+            gradient = np.asarray(jacobian.T @ (weights * residuals))
             for _ in range(12):
                 step = _solve(normal, gradient, damping)
                 there = self._move(rig, -step)
@@ -256,7 +269,7 @@ class Solver:
                 return rig
             gain = cost - there_cost
             rig, slopes, residuals, cost = there, there_slopes, there_residuals, there_cost
-            damping = max(damping / 10, 1e-12)
+            damping = max(damping / 100, 1e-14)
             if gain <= CONVERGED * cost:
                 break
         return rig
@@ -267,7 +280,7 @@ class Solver:
         residuals = self._residuals(rig, noise, slopes)
         jacobian = self._jacobian(rig, noise, slopes)
         weights = self._weights(residuals, priors)
-        normal = np.asarray((jacobian.T @ jacobian.multiply(weights[:, None]).tocsr()).todense())
+        normal = _normal(jacobian, weights)
         corners = 2 * len(self.predictions.corner_view)
         groups = np.full(len(residuals), 2)
         groups[:corners] = 0
@@ -275,27 +288,26 @@ class Solver:
         return System(residuals, jacobian, weights, _invert(normal), groups)
 
     def _components(self, rig: Rig, noise: Noise, system: System) -> Noise:
-        """Sigmas from residuals and redundancy, group by group."""
+        """Sigmas from residuals and redundancy, group by group; what lies beyond 3 sigma tells nothing of them."""
         scaled = []
         for group in (0, 1):
-            mine = system.groups == group
-            if not mine.any():
+            mine = np.flatnonzero(system.groups == group)
+            if not len(mine):
                 scaled.append(1.0)
                 continue
-            part = system.jacobian[np.flatnonzero(mine)]
-            weighted = part.multiply(system.weights[mine][:, None]).tocsr()
-            used = float(np.sum(np.asarray((part.T @ weighted).todense()) * system.inverse))
-            redundancy = max(float(system.weights[mine].sum()) - used, 1.0)
-            scaled.append(float(np.sqrt(np.sum(system.weights[mine] * system.residuals[mine] ** 2) / redundancy)))
-        angle = noise.angle
+            normal = _normal(system.jacobian[mine], system.weights[mine])
+            used = float(np.sum(normal * system.inverse))
+            scaled.append(_scale(system.residuals[mine], np.full(len(mine), 1 - used / len(mine))))
+        angle = 1.0
         count = self.predictions.images
         if self.with_angles and count and rig.laser is not None:
+            # The less an image tells of its own angle, the less of the angle's scatter shows.
             known = 1 - np.diag(system.inverse)[-count:] / noise.angle**2
-            angle = float(np.sqrt(np.sum(rig.angles**2) / max(float(known.sum()), 1e-3 * count)))
+            angle = _scale(rig.angles / noise.angle, np.maximum(known, 1e-3))
         return Noise(
             max(noise.corner * scaled[0], LEAST["corner"]),
             max(noise.line * scaled[1], LEAST["line"]),
-            max(angle, LEAST["angle"]),
+            max(noise.angle * angle, LEAST["angle"]),
         )
 
     def _solution(self, rig: Rig, noise: Noise) -> Solution:
@@ -327,9 +339,7 @@ class Solver:
         system = found.full
         result = {}
         for name, column in columns.items():
-            projected = column - system.jacobian @ (
-                system.inverse @ (system.jacobian.T @ (system.weights * column))
-            )
+            projected = column - system.jacobian @ (system.inverse @ (system.jacobian.T @ (system.weights * column)))
             power = float(np.sum(system.weights * projected * column))
             slope = float(np.sum(system.weights * projected * system.residuals))
             if power <= 1e-9 * float(np.sum(column**2)):
@@ -337,6 +347,32 @@ class Solver:
             else:
                 result[name] = (slope**2 / power, -slope / power)
         return result
+
+    def by_counts(self, found: Solution) -> Floats:
+        """Whitened derivative of all residuals by a count more in every image."""
+        slopes = self._slopes(found.rig)
+        moved = replace(found.rig, angles=found.rig.angles + rigs.ANGLE_STEP)
+        change = (self._lines(moved, slopes) - self._lines(found.rig, slopes)) / rigs.ANGLE_STEP / found.noise.line
+        return self._column(found, None, change)
+
+    def by_points(self, found: Solution, shift: Floats) -> Floats:
+        """Whitened derivative of all residuals by a part of ``shift`` (N, 3) mm, by which corners lie elsewhere."""
+        step = 1e-3
+        there = self.predictions.corners(found.rig, step * shift)
+        return self._column(found, (there - self.predictions.corners(found.rig)) / step / found.noise.corner, None)
+
+    def by_columns(self, found: Solution, shift_px: Floats) -> Floats:
+        """Whitened derivative of all residuals by a part of ``shift_px`` (M,), by which lines lie elsewhere."""
+        return self._column(found, None, shift_px / found.noise.line)
+
+    def _column(self, found: Solution, corners: Floats | None, lines: Floats | None) -> Floats:
+        column = np.zeros(len(found.full.residuals))
+        count = 2 * len(self.predictions.corner_view)
+        if corners is not None:
+            column[:count] = corners.ravel()
+        if lines is not None:
+            column[count : count + len(lines)] = lines
+        return column
 
     def derivative(self, found: Solution, name: str) -> Floats:
         """Whitened derivative of all residuals by a shared parameter that is held."""
@@ -346,6 +382,13 @@ class Solver:
         move = step * np.eye(len(rig.names()))[rig.names().index(name)]
         there = self._residuals(rig.moved(move), noise, slopes)
         return (there - self._residuals(rig, noise, slopes)) / step
+
+
+def _normal(jacobian: Any, weights: Floats) -> Floats:
+    """J^T W J."""
+    weighted = jacobian.copy()
+    weighted.data *= np.repeat(weights, np.diff(jacobian.indptr))
+    return np.asarray((weighted.T @ jacobian).toarray())
 
 
 def _solve(normal: Floats, gradient: Floats, damping: float) -> Floats:
@@ -360,19 +403,30 @@ def _solve(normal: Floats, gradient: Floats, damping: float) -> Floats:
     return np.asarray(linalg.cho_solve(factor, gradient / scale) / scale)
 
 
+def _scale(values: Floats, known: Floats) -> float:
+    """Sigma of ``values``, each of which shows a part ``known`` of its variance, from those within 3 sigma."""
+    size = np.abs(values) / np.sqrt(known)
+    sigma = 1.4826 * float(np.median(size))
+    for _ in range(20):
+        inner = size < TRIM * sigma
+        if not inner.any():
+            break
+        sigma = float(np.sqrt(np.sum(values[inner] ** 2) / np.sum(known[inner]) / TRIMMED))
+    return max(sigma, 1e-9)
+
+
 def _invert(normal: Floats) -> Floats:
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     scaled = normal / scale[:, None] / scale
-    values, vectors = np.linalg.eigh(scaled)
-    if values[0] < 1e-13 * values[-1]:
+    try:
+        inverse = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        inverse = np.full_like(scaled, np.inf)
+    # Condition number in the 1-norm; beyond this nothing of the inverse is left in double precision.
+    condition = np.abs(scaled).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max()
+    if not condition < 1e13 or (np.diag(inverse) <= 0).any():
         raise CalibrationError(
             "the observations do not determine the calibration: add views with the board tilted, at other distances and"
             " at other laser angles"
         )
-    inverse = (vectors / values) @ vectors.T
     return np.asarray(inverse / scale[:, None] / scale)
-
-
-def held_at(rig: Rig, **values: object) -> Rig:
-    """The rig with some of its parts replaced."""
-    return replace(rig, **values)  # type: ignore[arg-type]

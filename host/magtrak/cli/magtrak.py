@@ -5,6 +5,7 @@ from importlib import import_module
 import click
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "calibrate": ("calibrate", "Calibrate camera and laser, show and check a calibration."),
     "validate": ("validate", "Measure how good the scanner is."),
 }
 """Name of each command: its module beside this one, and one line for the list."""

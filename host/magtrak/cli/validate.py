@@ -121,6 +121,7 @@ def camera(**options: Any) -> None:
     """The paper's test of the camera (eq 11, Table 1): fix one coordinate of a point, recover two."""
 
     def test() -> "Result":
+        from ..calibrate.detect import read_picture
         from ..calibration import Calibration
         from ..validate import boards, paper
         from ..validate.virtual import record
@@ -131,7 +132,7 @@ def camera(**options: Any) -> None:
             calibration, picture, target = _files(folder)
         else:
             calibration, picture, target = _given(options)
-        read = boards.read_picture(picture)
+        read = read_picture(picture)
         return paper.camera_test(Calibration.load(calibration), read, boards.Target.load(target))
 
     _told(test, "Camera (eq 11): two coordinates of points, the third known", None)
@@ -219,6 +220,7 @@ def _on_board(
     def run() -> "Result":
         from math import radians
 
+        from ..calibrate.detect import read_picture
         from ..calibration import Calibration
         from ..cloud.ply import read_ply
         from ..errors import MagtrakError
@@ -236,7 +238,7 @@ def _on_board(
             files = _given(options)
         if file is None:
             raise MagtrakError("give a cloud (PLY) of the board, or --virtual DIR")
-        calibration, picture, target = Calibration.load(files[0]), boards.read_picture(files[1]), files[2]
+        calibration, picture, target = Calibration.load(files[0]), read_picture(files[1]), files[2]
         board = boards.Target.load(target)
         if which == "laser":
             return paper.laser_test(calibration, read_ply(file), picture, board)

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Floats, Integers, Numbers
+from ..arrays import Floats, Integers
 from ..calibrate.board import Board
+from ..calibrate.detect import Picture, detect
 from ..camera import CameraModel
 from ..errors import CalibrationError, MagtrakError
 
@@ -59,31 +60,15 @@ def _board(entry: dict[str, Any]) -> Board:
     )
 
 
-def read_picture(path: Path) -> Numbers:
-    """A picture as grey values; :exc:`MagtrakError` where it is none."""
-    import cv2
-
-    picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if picture is None:
-        raise MagtrakError(f"the picture {path} cannot be read: give a PNG, JPEG or BMP file")
-    return np.asarray(picture)
-
-
-def corners(picture: Numbers, board: Board) -> tuple[Integers, Floats]:
-    """Numbers (N,) and pixels (N, 2) of a ChArUco board's corners; :exc:`CalibrationError` where too few are seen."""
-    import cv2
-
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    ids = np.arange(board.first_marker, board.first_marker + board.columns * board.rows // 2, dtype=np.int32)
-    printed = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_mm, board.marker_mm, dictionary, ids)
-    found, numbers, _, _ = cv2.aruco.CharucoDetector(printed).detectBoard(picture)
-    count = 0 if numbers is None else len(numbers)
-    if count < LEAST_CORNERS:
+def corners(picture: Picture, board: Board) -> tuple[Integers, Floats]:
+    """Numbers (N,) and pixels (N, 2) of a board's corners; :exc:`CalibrationError` where too few are seen."""
+    found = detect(picture, board, "of the board")
+    if len(found.ids) < LEAST_CORNERS:
         raise CalibrationError(
-            f"{count} corners of board {board.name} are seen in the picture, {LEAST_CORNERS} are needed: is it this"
-            " board, is it sharp and bright enough?"
+            f"{len(found.ids)} corners of board {board.name} are seen in the picture, {LEAST_CORNERS} are needed: is it"
+            " this board, is it sharp and bright enough?"
         )
-    return np.asarray(numbers).ravel().astype(np.int64), np.asarray(found, dtype=np.float64).reshape(-1, 2)
+    return found.ids, found.corners
 
 
 def pose(camera: CameraModel, points: Floats, pixels: Floats) -> Floats:
@@ -113,7 +98,7 @@ def pose(camera: CameraModel, points: Floats, pixels: Floats) -> Floats:
     return at(least_squares(misses, start, loss="soft_l1", f_scale=0.2, x_scale="jac").x)
 
 
-def seen(camera: CameraModel, picture: Numbers, target: Target) -> Floats:
+def seen(camera: CameraModel, picture: Picture, target: Target) -> Floats:
     """The 4 x 4 pose of the target's frame in C."""
     points, pixels = [], []
     for board, place in target.boards:

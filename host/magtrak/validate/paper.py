@@ -10,6 +10,8 @@ from math import degrees
 import numpy as np
 
 from ..arrays import Booleans, Floats, Numbers, Records
+from ..calibrate.detect import Picture
+from ..calibrate.linear import linear_camera
 from ..calibration import Calibration
 from ..camera import CameraModel, Projection
 from ..errors import MagtrakError
@@ -25,11 +27,11 @@ LEAST_ROWS = 8
 TABLE_1 = ("0.89 mm on its plane X = 0", "1.87 mm on its plane Y = 0")
 
 
-def camera_test(calibration: Calibration, picture: Numbers, target: Target) -> Result:
+def camera_test(calibration: Calibration, picture: Picture, target: Target) -> Result:
     """Eq 11: one coordinate of a point is known (it lies on a board), the picture gives the other two.
 
     Every second corner places the target, the others are measured. Beside it the paper's way: a 3 x 4 matrix from the
-    same corners by linear least squares, and eq 11 solved for two coordinates; it needs boards in two planes.
+    same corners, and eq 11 solved for two coordinates; it needs boards in two planes.
     """
     camera = calibration.camera.build()
     known, tested = [], []
@@ -41,7 +43,7 @@ def camera_test(calibration: Calibration, picture: Numbers, target: Target) -> R
         tested.append((number, place, flat[~half], pixels[~half]))
     points, pixels = (np.concatenate(parts) for parts in zip(*known, strict=True))
     there = pose(camera, points, pixels)
-    linear = _linear(points, pixels) if len(target.boards) > 1 else None
+    linear = Projection(linear_camera(points, pixels).matrix) if len(target.boards) > 1 else None
     lines = []
     for number, place, flat, at in tested:
         ours = on_plane(camera, at[:, 0], at[:, 1], there @ place) - flat
@@ -56,7 +58,7 @@ def camera_test(calibration: Calibration, picture: Numbers, target: Target) -> R
     return Result(lines)
 
 
-def laser_test(calibration: Calibration, cloud: Records, picture: Numbers, target: Target) -> Result:
+def laser_test(calibration: Calibration, cloud: Records, picture: Picture, target: Target) -> Result:
     """Eq 12: where the line falls on a plane tells the laser's angle; the encoder tells it too.
 
     The plane is a board whose place the picture tells; where the line is on it, camera and board alone say.
@@ -98,7 +100,7 @@ def laser_test(calibration: Calibration, cloud: Records, picture: Numbers, targe
 
 
 def slit_test(
-    calibration: Calibration, cloud: Records, picture: Numbers, target: Target, angle_rad: float, other: Records | None
+    calibration: Calibration, cloud: Records, picture: Picture, target: Target, angle_rad: float, other: Records | None
 ) -> Result:
     """Example 1: one slit on a plane, reconstructed; how far from the plane it comes out, and how far along it.
 
@@ -142,8 +144,11 @@ def _slit(
 def _band(camera: CameraModel, cloud: Records, board_pose: Floats, target: Target) -> tuple[Numbers, Booleans]:
     """Frame of each point, and whether its pixel looks at the blank band of the first board."""
     board, place = target.boards[0]
-    at = on_plane(camera, *_pixels(cloud), board_pose @ place)
-    return cloud["scalar_frame"], board.on_band(at[:, :2], np.full(len(at), MARGIN_MM))
+    at = on_plane(camera, *_pixels(cloud), board_pose @ place)[:, :2]
+    inside = board.on_band(at)
+    for side in ([MARGIN_MM, 0], [-MARGIN_MM, 0], [0, MARGIN_MM], [0, -MARGIN_MM]):
+        inside &= board.on_band(at + side)
+    return cloud["scalar_frame"], inside
 
 
 def _pixels(cloud: Records) -> tuple[Floats, Floats]:
@@ -155,32 +160,6 @@ def _angle_through(laser: Laser, local: Floats) -> Floats:
     rho = np.cos(laser.tilt_rad) * np.hypot(local[:, 0], local[:, 1])
     lead = np.arcsin((laser.offset_mm - np.sin(laser.tilt_rad) * local[:, 2]) / rho)
     return np.asarray(np.arctan2(local[:, 1], local[:, 0]) - lead)
-
-
-def _linear(points: Floats, pixels: Floats) -> Projection:
-    """The paper's model (eqs 1 to 3): 3 x 4 matrix by linear least squares of scaled coordinates.
-
-    Source: R. Hartley and A. Zisserman, "Multiple view geometry", 2nd edition, section 7.1.
-    """
-    to_unit_3, p = _scaled(points)
-    to_unit_2, q = _scaled(pixels)
-    zero = np.zeros_like(p)
-    rows = np.concatenate([np.hstack([p, zero, -q[:, :1] * p]), np.hstack([zero, p, -q[:, 1:2] * p])])
-    matrix = np.linalg.svd(rows)[2][-1].reshape(3, 4)
-    matrix = np.linalg.inv(to_unit_2) @ matrix @ to_unit_3
-    # Whatever its sign, it looks at the points.
-    return Projection(matrix)
-
-
-def _scaled(points: Floats) -> tuple[Floats, Floats]:
-    """A similarity that puts points about the origin at unit distances, and the points so, homogeneous."""
-    middle = points.mean(axis=0)
-    size = float(np.linalg.norm(points - middle, axis=1).mean())
-    dimension = points.shape[1]
-    transform = np.eye(dimension + 1) / size
-    transform[:dimension, dimension] = -middle / size
-    transform[dimension, dimension] = 1.0
-    return transform, np.column_stack([(points - middle) / size, np.ones(len(points))])
 
 
 def _rms(values: Floats) -> float:

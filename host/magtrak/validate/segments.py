@@ -28,6 +28,9 @@ SIZE_TOLERANCE = 0.05
 MOST_TRIMMED = 0.25
 """More points off the surface than this part, and the piece is no such surface."""
 
+ROUGHLY = 3000
+"""Points that are enough to see whether a piece is worth a closer look."""
+
 BORDER = 2
 """Rows and frames at the border of a plane that are left out: the line may lie half on it."""
 
@@ -186,7 +189,10 @@ def find_cylinder(cloud: Records, radius: float) -> CylinderFit:
 def _as_cylinder(points: Floats, radius: float) -> CylinderFit | float | None:
     """The piece as a cylinder, without ends and slanting parts; its radius where that is another; None for neither."""
     try:
-        fit = fit_cylinder(points)
+        fit = fit_cylinder(points[:: max(len(points) // ROUGHLY, 1)])
+        if abs(fit.radius / radius - 1) > 6 * SIZE_TOLERANCE:
+            looks_round = fit.rms < 0.05 * radius and fit.radius < 3 * radius
+            return fit.radius if looks_round and fit.trimmed < MOST_TRIMMED else None
         for _ in range(3):
             along = (points - fit.point) @ fit.axis
             low, high = np.percentile(along, [0.5, 99.5])
