@@ -10,8 +10,9 @@ from .calibration import Calibration
 from .cloud.points import POINT
 from .errors import CalibrationError, CardResetError
 from .frames import Frame
+from .locate import locator
 from .protocol import Phase
-from .triangulate import MIN_SINE, quality, triangulate
+from .triangulate import MIN_SINE, quality
 
 
 @dataclass
@@ -79,10 +80,9 @@ class Scan:
         self.clock_hz = clock_hz
         self.bare = bare
         self.min_quality = min_quality
-        self.min_sine = min_sine
         self.counts = Counts()
         self.chunks: list[Records] = [np.zeros(0, POINT)]
-        self._camera = calibration.camera.build()
+        self._locator = locator(calibration, min_sine)
         self._tracker = AngleTracker(clock_hz, calibration.camera.time_offset_s)
         self._encoder_errors_before = 0
         # Of the first frame after a restart: what the points of the frame have.
@@ -179,9 +179,7 @@ class Scan:
         some = _all_or(use)
         column, row, counts = rows.column_px[some], rows.row[some], angles.counts[some]
         alpha = self.calibration.laser.alpha(counts)
-        normals, offsets = self.calibration.laser.planes(alpha)
-        directions = self._camera.ray(column, row.astype(np.float64))
-        found = triangulate(self._camera.centre, directions, normals, offsets, self.min_sine)
+        found = self._locator.locate(column, row.astype(np.float64), alpha)
         self.counts.parallel += found.parallel
         self.counts.behind += found.behind
         good = _all_or(found.valid)

@@ -14,6 +14,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "set": ("set", "Set registers or settings of a card that runs."),
     "snapshot": ("snapshot", "Fetch a picture of what a card sees."),
     "watch": ("watch", "Show rates, losses, angle, laser and motor, live."),
+    "calibrate": ("calibrate", "Calibrate camera and laser, show and check a calibration."),
+    "validate": ("validate", "Measure how good the scanner is."),
 }
 """Name of each command: its module beside this one, and one line for the list."""
 
