@@ -196,6 +196,13 @@ ki = {per_deg_s * LOOP_RAD_S**2 * tau:.5f}
         """Starts (3,) or (N, 3) and directions of sights that leave the camera along (N, 3), outside of the rig."""
         return (np.zeros(3), directions) if self.water is None else self.water.sight(directions)
 
+    def project(self, points: Floats) -> Floats:
+        """(N, 2) pixel positions of points (N, 3) before the rig."""
+        if self.water is None:
+            return self.camera.project(points)
+        inner, _, _ = self.water.camera.quickest(np.zeros_like(points), points, self.water.index)
+        return self.camera.project(inner)
+
     def dimmed(self, light: Floats, way_mm: Floats) -> Floats:
         """(N, 3) parts of the room's light that come back from surfaces, after ways (N,) to the camera."""
         return light if self.water is None else self.water.dimmed(light, way_mm)

@@ -121,13 +121,13 @@ def _place(
     size = np.array([camera.width, camera.height])
     for attempt in range(400):
         at = (np.array([cell % 4, cell // 4 % 3]) + random.uniform(0, 1, 2)) / (4, 3)
-        ray = camera.rays(*(at * size)[:, None])[0]
+        start, ray = (np.atleast_2d(part)[0] for part in scene.sight(camera.rays(*(at * size)[:, None])))
         axis = random.uniform(0, 2 * np.pi)
         tilt = random.uniform(0.3, 1) * TILT_RAD * np.array([np.cos(axis), np.sin(axis), 0.0])
         pose = pose_of((0, 0, 0), tilt) @ pose_of((0, 0, 0), np.array([0, 0, random.uniform(-ROLL_RAD, ROLL_RAD)]))
-        pose[:3, 3] = ray * z - pose[:3, :3] @ middle
+        pose[:3, 3] = start + ray * z / ray[2] - pose[:3, :3] @ middle
         corners = board.corners() @ pose[:3, :3].T + pose[:3, 3]
-        seen = camera.project(corners)
+        seen = scene.project(corners)
         inside = np.mean(np.all((seen > 3) & (seen < size - 4), axis=1))
         crossing = _crossing(scene, board, pose)
         if inside > 0.7 and crossing is not None:
@@ -144,15 +144,15 @@ def _crossing(scene: Scene, board: Board, pose: Floats) -> tuple[tuple[float, fl
     x0, y0, x1, y1 = board.band_mm
     x, y = np.meshgrid(np.linspace(x0, x1, 41), np.linspace(y0 + 0.2 * (y1 - y0), y1 - 0.2 * (y1 - y0), 5))
     points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3) @ pose[:3, :3].T + pose[:3, 3]
-    seen = scene.camera.project(points)
+    seen = scene.project(points)
+    alpha, _, source = scene.lit_from(points)
     good = np.all((seen > 12) & (seen < np.array([scene.camera.width, scene.camera.height]) - 13), axis=1)
-    towards = np.sum((points - scene.laser.origin) * pose[:3, 2], axis=1)
-    good &= (towards > 0.35 * np.linalg.norm(points - scene.laser.origin, axis=1)) & (points @ pose[:3, 2] > 0)
-    good &= visible([board.panel(pose)], scene.laser.origin, points)
+    towards = np.sum((points - source) * pose[:3, 2], axis=1)
+    good &= (towards > 0.35 * np.linalg.norm(points - source, axis=1)) & (points @ pose[:3, 2] > 0)
+    good &= visible([board.panel(pose)], source, points)
     columns = good.reshape(x.shape).mean(axis=0) > 0.5
     if columns.sum() < 16:
         return None
-    alpha, _ = scene.laser.meets(scene.laser.points(points))
     middle = alpha.reshape(x.shape)[2][columns]
     row = float(seen.reshape(*x.shape, 2)[2, columns, 1].mean())
     return (float(np.percentile(middle, 6)), float(np.percentile(middle, 94))), row

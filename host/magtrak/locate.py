@@ -48,7 +48,7 @@ class InWater:
         self.camera, self.sheet, self.min_sine = camera, sheet, min_sine
 
     def locate(self, u: Floats, v: Floats, alpha: Floats) -> Triangulated:
-        return self.sheet.meet(self.camera.starts(u, v), self.camera.ray(u, v), alpha, self.min_sine)
+        return self.sheet.meet(*self.camera.rays(u, v), alpha, self.min_sine)
 
 
 def locator(calibration: Calibration, min_sine: float = MIN_SINE) -> Locator:

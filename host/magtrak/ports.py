@@ -109,16 +109,14 @@ class PortCamera:
         self.centre = camera.centre
 
     def ray(self, u: Floats, v: Floats) -> Floats:
-        return self._rays(u, v)[1]
-
-    def starts(self, u: Floats, v: Floats) -> Floats:
-        return self._rays(u, v)[0]
+        return self.rays(u, v)[1]
 
     def project(self, points: Floats) -> Floats:
         directions = self.port.reach(self.centre, np.asarray(points, dtype=np.float64), self.water_index)
         return self.camera.project(self.centre + 1000.0 * directions)
 
-    def _rays(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+    def rays(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+        """Where the rays of pixels enter the water, and their unit directions there; (N, 3) each."""
         return self.port.leave(self.centre, self.camera.ray(u, v), self.water_index)
 
 

@@ -17,16 +17,9 @@ from sim.scene import Object, Scene, pose_of
 from sim.session import EXPOSURE_S, main, timing_of, views
 from sim.surfaces import Plane
 from tests.sim.rig import at, rig
+from tests.support.scenes import small
 
 CHESS = Board("chessboard", 4, 3, 10.0, margins_mm=(2.0, 3.0, 2.0, 20.0))
-
-
-def small(scene: Scene) -> Scene:
-    """The same view on a quarter of the pixels."""
-    m = scene.camera.matrix
-    matrix = ((m[0][0] / 2, 0.0, m[0][2] / 2), (0.0, m[1][1] / 2, m[1][2] / 2), m[2])
-    camera = replace(scene.camera, width=320, height=240, matrix=matrix)
-    return replace(scene, camera=camera, timing=replace(scene.timing, height=240, row_time_s=None))
 
 
 def test_print_by_hand() -> None:

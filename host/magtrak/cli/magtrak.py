@@ -6,6 +6,7 @@ import click
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "calibrate": ("calibrate", "Calibrate camera and laser, show and check a calibration."),
+    "validate": ("validate", "Measure how good the scanner is."),
 }
 """Name of each command: its module beside this one, and one line for the list."""
 
