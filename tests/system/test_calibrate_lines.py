@@ -6,7 +6,9 @@ import json
 import cv2
 import numpy as np
 
-from tests.support.virtual import run, virtual_card
+from tests.support.fake_card import FakeCard
+from tests.support.frames import Recorder
+from tests.support.virtual import refused, run, virtual_card
 
 COUNTS = 8192
 FRAMES, WIDTH, HEIGHT = 8, 64, 48
@@ -51,3 +53,12 @@ def test_rows_and_angles_arrive_as_they_were(tmp_path):
     column = np.array([float(item["column_px"]) for item in inner])
     assert np.abs(column - (24 + 2 * number + 0.05 * row)).max() < 0.06
     assert {item["flags"] for item in inner} <= {"", "a"}
+
+
+def test_lines_without_an_index_are_refused(tmp_path):
+    (tmp_path / "session.json").write_text(json.dumps({"counts_per_turn": COUNTS, "boards": {}, "views": []}))
+    payloads = Recorder(lambda t: 100.0 * t).payloads(5, flags=0)
+    with FakeCard(payloads) as card:
+        done = run("magtrak", "calibrate", "lines", tmp_path, "--port", card.port)
+    assert "no frame has seen the index" in refused(done)
+    assert not (tmp_path / "lines.csv").exists()
