@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from magtrak.cli.magtrak import main
+from magtrak.cli.validate import _beside
 from magtrak.cloud.picture import require_matplotlib
 from magtrak.cloud.ply import write_ply
 from magtrak.cloud.points import POINT
@@ -238,3 +239,13 @@ def test_command(tmp_path: Path, spheres: np.ndarray) -> None:
         assert done.exit_code == 1
         assert message in done.output
         assert len(done.output.strip().splitlines()) == 1, done.output
+
+
+def test_the_papers_way_stands_beside_line_by_line() -> None:
+    first, second, rough = (cast([WALL], seed, noise, twice=False) for seed, noise in ((1, 0.2), (2, 0.2), (3, 1.0)))
+    beside = _beside(artefacts.planes([first, second]), artefacts.planes, rough)
+    others = {line.what: line.other for line in beside.lines}
+    assert others["plane, form error, RMS"] == artefacts.planes([rough]).lines[0].value
+    assert others["  repeatability, patch by patch"] is None
+    ball = artefacts.planes([first])
+    assert _beside(ball, artefacts.planes, cast([Sphere(500, at(0, 0, 2000))], twice=False)) is ball

@@ -200,17 +200,16 @@ def _beside(found: "Result", test: "Callable[[list[Records]], Result]", cloud: "
     from ..validate.artefacts import Result
 
     try:
-        theirs = {line.what: line.value for line in test([cloud]).lines}
+        others = test([cloud]).lines
     except MagtrakError as error:
         click.echo(f"by the paper's method the test can't be made: {error}", err=True)
         return found
-    # Names repeat (each sphere has a form error): the columns run in step where both have the same lines.
-    mine = [line.what for line in found.lines]
-    other = test([cloud]).lines
-    if mine == [line.what for line in other]:
-        lines = [replace(line, other=beside.value) for line, beside in zip(found.lines, other, strict=True)]
-    else:
-        lines = [replace(line, other=theirs.get(line.what)) for line in found.lines]
+    # In step: names repeat, and only repeatability, which one cloud has not, is left out of the other's lines.
+    rest = iter(others)
+    lines = [
+        line if "repeatability" in line.what or "lean" in line.what else replace(line, other=next(rest).value)
+        for line in found.lines
+    ]
     return Result(lines, found.fits)
 
 
