@@ -13,7 +13,7 @@ import numpy as np
 
 from magtrak.calibrate.joint import estimate
 from tests.bench import Figure
-from tests.support.calibration_rig import Procedure, deviations, plane_error, random_rig
+from tests.support.calibration_rig import Procedure, as_calibration, deviations, plane_error, random_rig
 
 COUNT = int(os.environ.get("CALIBRATIONS", "200"))
 FIRST = int(os.environ.get("CALIBRATIONS_FROM", "0"))
@@ -39,7 +39,7 @@ class Study:
         for name, (error, sigma) in deviations(true, found.stepwise).items():
             self.stepwise_within[name].append(abs(error) <= 2 * sigma)
         for way, solution in ((self.joint, found.joint), (self.stepwise, found.stepwise)):
-            error_mm = plane_error(true, solution, DISTANCE_MM)
+            error_mm = plane_error(true, as_calibration(solution), DISTANCE_MM)
             way.append((error_mm.form, error_mm.place, abs(error_mm.scale)))
 
     def share(self) -> float:

@@ -10,9 +10,10 @@ import numpy as np
 from magtrak.calibrate.board import A3, LARGE, Board
 from magtrak.calibrate.joint import difference
 from magtrak.calibrate.observations import Lines, Observations, View
-from magtrak.calibrate.rig import CAMERA, ENCODER, LASER, harmonic
+from magtrak.calibrate.procedure import error_table
+from magtrak.calibrate.rig import CAMERA, ENCODER, LASER
 from magtrak.calibrate.solve import Solution
-from magtrak.camera import BrownConrady
+from magtrak.calibration import Calibration, CameraCalibration
 from magtrak.laser import Laser as HostLaser
 from magtrak.triangulate import triangulate
 from sim.optics import Camera, Laser
@@ -277,7 +278,7 @@ class PlaneError:
     scale: float
 
 
-def plane_error(true: TrueRig, found: Solution, distance_mm: float) -> PlaneError:
+def plane_error(true: TrueRig, found: Calibration, distance_mm: float) -> PlaneError:
     """Triangulates, without noise, what the true rig sees of the plane Z = distance."""
     u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(10, WIDTH - 11, 24), np.linspace(10, HEIGHT - 11, 18)))
     real = true.camera.rays(u, v) * distance_mm
@@ -286,20 +287,22 @@ def plane_error(true: TrueRig, found: Solution, distance_mm: float) -> PlaneErro
     counts = position.copy()
     for _ in range(6):  # what the encoder shows there, time offset aside
         counts -= replace(true, time_s=0.0).position(counts, np.zeros_like(counts)) - position
-    return judge(found, u, v, counts, real)
-
-
-def judge(found: Solution, u: np.ndarray, v: np.ndarray, counts: np.ndarray, real: np.ndarray) -> PlaneError:
-    rig = found.rig
-    assert rig.laser is not None
-    camera = BrownConrady(rig.matrix, rig.camera[4:], WIDTH, HEIGHT)
-    counts = counts + harmonic(counts, rig.harmonics, rig.laser.counts_per_turn)
-    points = triangulate(camera.centre, camera.ray(u, v), *rig.laser.planes(rig.laser.alpha(counts))).points
+    camera = found.camera.build()
+    planes = found.laser.planes(found.laser.alpha(counts))
+    points = triangulate(camera.centre, camera.ray(u, v), *planes).points
     middle = points.mean(0)
     normal = np.linalg.svd(points - middle)[2][2]
     form = np.sqrt(np.mean(((points - middle) @ normal) ** 2))
     spread = [np.sqrt(np.mean(np.sum((cloud - cloud.mean(0)) ** 2, 1))) for cloud in (points, real)]
     return PlaneError(float(form), float(np.linalg.norm(points - real, axis=1).max()), float(spread[0] / spread[1] - 1))
+
+
+def as_calibration(found: Solution) -> Calibration:
+    """What a file would hold of a fit."""
+    rig = found.rig
+    assert rig.laser is not None
+    camera = CameraCalibration("brown-conrady", WIDTH, HEIGHT, rig.matrix, rig.camera[4:], rig.time_s)
+    return Calibration(camera, replace(rig.laser, error_table=error_table(rig)))
 
 
 def deviations(true: TrueRig, found: Solution) -> dict[str, tuple[float, float]]:

@@ -12,8 +12,11 @@ from .board import Board
 from .findings import Finding, finding
 
 MIN_CORNERS = 8
-BLURRED_PX = 4.0
-"""An edge that takes so many px from black to white is blurred; a sharp one takes 1.5 to 2.5."""
+BLURRED_PX = 3.4
+"""An edge that takes so many px from black to white is blurred; a sharp one takes 2 to 3."""
+
+LOST_PX = 8.0
+"""Where no edge of the picture is narrower, no board can be found."""
 
 DARK = 40.0
 """Grey levels between black and white squares."""
@@ -184,7 +187,10 @@ def _why(picture: Picture, board: Board, name: str, found: int) -> Finding:
                 )
     if float(np.percentile(picture, 95)) - float(np.percentile(picture, 5)) < DARK:
         return finding("dark", picture=name, levels=float(np.percentile(picture, 95) - np.percentile(picture, 5)))
-    if float(cv2.Laplacian(picture, cv2.CV_64F).var()) < 15:
+    smooth = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 1.5)
+    down, across = np.gradient(smooth)
+    steep = float(np.percentile(np.hypot(down, across), 99.7))
+    if float(np.ptp(np.percentile(smooth, [2, 98]))) > LOST_PX * steep:
         return finding("blurred-lost", picture=name)
     return finding("no-board", picture=name, board=board.name)
 

@@ -1,6 +1,6 @@
 """Is this calibration still good? Asked of one picture of the board, and of lines on it where there are some."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,8 +59,6 @@ def drift(session: Session, known: Calibration) -> Drift:
     if not seen.images:
         return Drift(corner, float("nan"), float("nan"), findings)
     at = Predictions(seen)
-    from dataclasses import replace
-
     rig = replace(found.rig, laser=known.laser, time_s=known.camera.time_offset_s, angles=np.zeros(at.images))
     slopes = at.slopes(rig)
     errors = -at.heights(rig) / slopes

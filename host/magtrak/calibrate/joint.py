@@ -144,7 +144,9 @@ def estimate_laser(
             "the laser lines fit no plane that turns with the encoder: check that the lines lie on the board's blank"
             " band, that the encoder counts, and that neither camera nor laser was moved between views"
         )
-    return Solver(seen, held, poses=False).solve(best.rig, best.noise)
+    # A count is about a pixel: what the rows scatter by may be the images' angles as well.
+    noise = Noise(best.noise.corner, min(best.noise.line, 0.3), max(2 * best.noise.line, 0.02))
+    return Solver(seen, held, poses=False).solve(best.rig, noise)
 
 
 def held_parts(seen: Observations, rig: Rig, *, camera: bool = False) -> frozenset[str]:

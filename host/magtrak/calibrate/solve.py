@@ -30,7 +30,7 @@ TRIM, TRIMMED = 3.0, 0.9733
 
 _LINES_ONLY = {*rigs.LASER, *rigs.ENCODER}
 
-MAX_STEPS = 40
+MAX_STEPS = 20
 CONVERGED = 1e-7
 LEAST = {"corner": 0.003, "line": 0.002, "angle": 1e-4}
 """No sigma is believed below: px, px, counts."""
