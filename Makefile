@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help setup scan test bench docs lock clean
+.PHONY: help setup scan test fuzz soak bench docs lock clean
 
 help: ## list the targets (default)
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -25,6 +25,16 @@ test: setup ## all checks and tests
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
+
+fuzz: setup ## fuzz for some ten minutes: a million damaged packets, a minute for each reader of files and bytes
+	$(BIN)/python -m tests.fuzz.damage
+	for target in decoder settings calibration recording; do \
+	  $(BIN)/python -m tests.fuzz.targets $$target -max_total_time=60 || exit 1; \
+	done
+	$(BIN)/python -m tests.fuzz.gateware --seconds 60
+
+soak: setup ## a hundred thousand frames through the virtual card, every loss accounted for
+	$(BIN)/python -m tests.soak
 
 bench: setup ## speed and accuracy beside their peers: a table and build/bench.json
 	$(BIN)/python -m tests.bench

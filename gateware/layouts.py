@@ -27,7 +27,6 @@ frame was taken: a block may use them from its second pipeline stage on."""
 NowSettings = settings(Scope.NOW)
 
 Row = struct(protocol.FULL_ROW)
-FrameHeader = struct(protocol.FRAME)
 Edge = struct(protocol.EDGE)
 CameraErrors = struct(protocol.CAMERA_ERRORS)
 EncoderErrors = struct(protocol.ENCODER_ERRORS)
@@ -125,7 +124,6 @@ __all__ = [
     "Edge",
     "EncoderErrors",
     "Field",
-    "FrameHeader",
     "FrameSettings",
     "LutWrite",
     "NowSettings",

@@ -79,17 +79,18 @@ class VirtualCard:
     real_time : keep to the wall clock where the machine is fast enough, and drop what the host does
         not read, as hardware does; otherwise run as fast as possible, and let card time stand still while
         the host does not read
+    serial : the card's serial number
 
     Attributes
     ----------
     pictures : shown so far
     """
 
-    def __init__(self, world: World, terminal: Terminal, clock_hz: int, *, real_time: bool) -> None:
+    def __init__(self, world: World, terminal: Terminal, clock_hz: int, *, real_time: bool, serial: int = 0) -> None:
         self._world = world
         self._terminal = terminal
         self._real_time = real_time
-        self._core = SimulatedCore(clock_hz, BYTES_PER_SECOND)
+        self._core = SimulatedCore(clock_hz, BYTES_PER_SECOND, serial)
         levels = [(0, signal, level) for signal, level in world.drive.levels().items()]
         self._core.pins(np.array([*levels, (0, INTERLOCK, 1)], PIN))
         self._outputs = Outputs(0, 0, 0, laser=False, lamp=False, run=False)

@@ -25,6 +25,7 @@ class Camera:
     noise : standard deviation of a pixel, grey levels
     gain : factor on all light
     black_level : grey levels without light
+    blur_px : sigma of the picture of a point, out of focus or not
     """
 
     width: int
@@ -34,6 +35,7 @@ class Camera:
     noise: float
     gain: float
     black_level: float
+    blur_px: float = 0.0
 
     def rays(self, u: npt.ArrayLike, v: npt.ArrayLike) -> Floats:
         """(N, 3) directions with Z = 1 that fall on the distorted pixel positions (N,), (N,)."""

@@ -11,12 +11,16 @@ colour; speckle multiplies the laser's light of a pixel; gain, noise, black leve
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from . import surfaces
+from .blur import smear
+from .haze import Haze
+from .optics import Camera
 from .scene import Scene
 from .surfaces import Floats, Ints
 
@@ -28,6 +32,9 @@ DOWN = 2
 
 REACH = 5.0
 """Beyond so many sigma from the plane there is no light."""
+
+BLOCK = 16
+"""Rows that are traced together."""
 
 AngleOfTime = Callable[[Floats], Floats]
 """Motor angles (rad) at times (s); arrays of any shape."""
@@ -66,45 +73,54 @@ def offsets() -> tuple[Floats, Floats]:
 
 def look(scene: Scene) -> View:
     """Trace every sub-pixel of the scene's camera."""
-    width, height = scene.camera.width, scene.camera.height
-    du, dv = offsets()
-    u = (np.arange(width)[:, None] + du).ravel()
-    blocks = []
+    rays = _rays(scene.camera)
     # A few rows at a time: the temporaries stay within the cache.
-    for first in range(0, height, 16):
-        rows = np.arange(first, min(first + 16, height))
-        v = rows[:, None].astype(np.float64) + np.tile(dv, width)
-        blocks.append(_trace(scene, np.tile(u, (len(rows), 1)), v))
-    return View(*(np.concatenate([getattr(block, name) for block in blocks]) for name in View.__annotations__))
+    blocks = [_trace(scene, rays[first : first + BLOCK]) for first in range(0, len(rays), BLOCK)]
+    whole = View(*(np.concatenate([getattr(block, name) for block in blocks]) for name in View.__annotations__))
+    blur_px = scene.camera.blur_px
+    return replace(whole, ambient=smear(smear(whole.ambient, blur_px, 0), blur_px, 1)) if blur_px else whole
 
 
-def _trace(scene: Scene, u: Floats, v: Floats) -> View:
-    shape = u.shape
-    directions = scene.camera.rays(u.ravel(), v.ravel())
-    hits = surfaces.nearest(scene.surfaces, (0.0, 0.0, 0.0), directions)
+@lru_cache(maxsize=1)
+def _rays(camera: Camera) -> Floats:
+    """(height, width * DOWN * ACROSS, 3) directions of the sub-pixels: the same for all scenes of a camera."""
+    du, dv = offsets()
+    u = (np.arange(camera.width)[:, None] + du).ravel()
+    v = np.tile(dv, camera.width)
+    rays = np.stack([camera.rays(u, row + v) for row in range(camera.height)])
+    rays.setflags(write=False)
+    return rays
+
+
+def _trace(scene: Scene, rays: Floats) -> View:
+    shape = rays.shape[:2]
+    directions = rays.reshape(-1, 3)
+    starts, directions = scene.sight(directions)
+    hits = surfaces.nearest(scene.surfaces, starts, directions)
     seen = hits.face >= 0
-    points = directions * np.where(seen, hits.t, 1.0)[:, None]
-    albedo = _albedo(scene, hits.face)
+    points = starts + directions * np.where(seen, hits.t, 1.0)[:, None]
+    albedo = colours(scene, hits.face, points)
 
-    # The room: light from everywhere, and from one side.
-    to_light = np.asarray(scene.ambient.direction) / np.linalg.norm(scene.ambient.direction)
-    diffuse = scene.ambient.diffuse
-    shade = diffuse + (1 - diffuse) * np.maximum(hits.normal @ to_light, 0.0)
-    ambient = shade[:, None] * albedo * np.asarray(scene.ambient.colour)
+    ambient = scene.dimmed(shade(scene, hits.normal)[:, None] * albedo, hits.t) * np.asarray(scene.ambient.colour)
     per_pixel = ambient.reshape(shape[0], scene.camera.width, -1, 3).mean(axis=2)
 
     # The laser.
     laser = scene.laser
-    beam = points - laser.origin
+    alpha, speed_mm, source = scene.lit_from(points)
+    beam = points - source
     distance = np.linalg.norm(beam, axis=1)
     incidence = np.maximum(-np.sum(hits.normal * beam, axis=1) / distance, 0.0)
-    alpha, speed_mm = laser.meets(laser.points(points))
     lit = seen & (incidence > 0) & (speed_mm > 0)
-    lit[lit] = surfaces.visible(scene.surfaces, laser.origin, points[lit])
+    source = np.broadcast_to(source, points.shape)
+    lit[lit] = surfaces.visible(scene.surfaces, source[lit], points[lit])
     response = np.asarray(laser.response)
     reflectance = albedo @ response / response.sum()
     level = np.where(lit, laser.level(distance) * incidence * reflectance, 0.0)
-    sigma = np.where(lit, laser.sigma_mm(distance) / np.where(lit, speed_mm, 1.0), 0.0)
+    sigma_mm = laser.sigma_mm(distance)
+    if scene.water is not None:
+        level *= scene.water.laser_kept(laser, distance + np.where(seen, hits.t, 0.0))
+        sigma_mm = np.hypot(sigma_mm, scene.water.scatter_mrad * distance / 1000)
+    sigma = np.where(lit, sigma_mm / np.where(lit, speed_mm, 1.0), 0.0)
     return View(
         hits.face.astype(np.int16).reshape(shape),
         alpha.astype(np.float32).reshape(shape),
@@ -115,9 +131,20 @@ def _trace(scene: Scene, u: Floats, v: Floats) -> View:
     )
 
 
-def _albedo(scene: Scene, face: Ints) -> Floats:
-    colours = np.array([item.albedo for item in scene.objects] + [(0.0, 0.0, 0.0)])
-    return colours[np.where(face >= 0, face // surfaces.FACES_MAX, len(scene.objects))]
+def colours(scene: Scene, face: Ints, points: Floats) -> Floats:
+    """(N, 3) parts of red, green and blue that points (N, 3) on faces (N,) reflect; 0 where there is no face."""
+    result = np.zeros((len(face), 3))
+    for number, item in enumerate(scene.objects):
+        mine = np.flatnonzero(face // surfaces.FACES_MAX == number)
+        result[mine] = item.colour(points[mine])
+    return result
+
+
+def shade(scene: Scene, normal: Floats) -> Floats:
+    """(N,) part of the room's light that arrives at faces of the given normals: from everywhere, and from one side."""
+    to_light = np.asarray(scene.ambient.direction) / np.linalg.norm(scene.ambient.direction)
+    diffuse = scene.ambient.diffuse
+    return np.asarray(diffuse + (1 - diffuse) * np.maximum(normal @ to_light, 0.0))
 
 
 class Renderer:
@@ -137,6 +164,7 @@ class Renderer:
         lit = self.view.sigma > 0
         self._finest_rad = float(self.view.sigma[lit].min()) if lit.any() else np.inf
         self._middle = float(np.mean(self.view.alpha[lit])) if lit.any() else 0.0
+        self._haze = Haze.of(scene) if scene.water is not None and scene.water.glow else None
         self._mix = (np.asarray(scene.laser.response) * scene.camera.gain).astype(np.float32)
         self._frame: int | None = None
 
@@ -197,8 +225,12 @@ class Renderer:
             total += np.float32(weight) * np.exp(np.float32(-0.5) * z * z)
         total *= view.level[first:last].ravel()[where] / np.float32(ACROSS * DOWN)
         size = (last - first) * self.scene.camera.width
-        light = np.bincount(where // (ACROSS * DOWN), weights=total, minlength=size)
-        return light.astype(np.float32).reshape(last - first, -1)
+        summed = np.bincount(where // (ACROSS * DOWN), weights=total, minlength=size)
+        light = summed.astype(np.float32).reshape(last - first, -1)
+        if self._haze is not None:
+            light += self._haze.glow(slice(first, last), alphas @ weights)
+        # Along the rows only: a row is due before the next one's angle is known, and the line is nearly upright.
+        return smear(light, self.scene.camera.blur_px, 1)
 
     def exposure(self, start: Floats, end: Floats, angle: AngleOfTime) -> tuple[Floats, Floats]:
         """(rows, nodes) angles of the plane from ``start`` to ``end`` (rows,), and the (nodes,) weights of their mean.

@@ -33,10 +33,17 @@ def run(
     truth: Path | None,
     speckle: float | None,
     seed: int,
+    serial: str,
 ) -> None:
     """Options as in ``magtrak-sim --help``; :exc:`SimError` where they can't be."""
     log: TruthLog | None = None
     world: World
+    try:
+        number = int(serial, 16)
+    except ValueError:
+        number = -1
+    if not 0 <= number < 2**64:
+        raise SimError(f"--serial {serial} has to be a hexadecimal number of up to 16 digits.")
     if (scene is None) == (frames is None):
         raise SimError("Give either --scene NAME or --frames DIR with --angles FILE.csv.")
     if scene is not None:
@@ -63,7 +70,7 @@ def run(
     library()  # compiled before the port appears: a host that opens it gets answers
     terminal = Terminal(link)
     try:
-        card = VirtualCard(world, terminal, clock, real_time=pace == "real")
+        card = VirtualCard(world, terminal, clock, real_time=pace == "real", serial=number)
         click.echo(
             f"virtual card on {terminal.name}: {world.width} x {world.height}, {world.frames} pictures", err=True
         )

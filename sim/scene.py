@@ -1,6 +1,7 @@
 """Scenes: a rig and what stands before it, read from TOML.
 
-A scene is a file, or the name of one in ``sim/scenes``; every field is explained in ``default.toml`` there.
+A scene is a file, or the name of one in ``sim/scenes``; every field is explained in ``default.toml`` there. A file with
+``like = NAME`` takes the tables that it lacks from another scene.
 
 ``python -m sim.scene NAME --calibration FILE.json`` writes the calibration that belongs to a scene.
 """
@@ -14,8 +15,10 @@ from typing import Any
 
 import click
 import numpy as np
+import numpy.typing as npt
 
 from . import optics
+from .boards import Board
 from .encoder import Flaws
 from .errors import SimError
 from .motor import INDEX_WIDTH_COUNTS, Motor, MotorParameters
@@ -24,6 +27,7 @@ from .playback import Playback, steady
 from .surfaces import Box, Cylinder, Floats, Plane, Sphere, Surface
 from .tables import Table
 from .timing import Timing
+from .water import Pane, Water
 
 # The speed loop of a scene's settings: its poles, by placement (kp and ki of a plant of first order).
 LOOP_RAD_S = 25.0
@@ -47,10 +51,19 @@ class Ambient:
 
 @dataclass(frozen=True)
 class Object:
-    """A surface and its colour: the parts of red, green and blue that it reflects."""
+    """A surface and its colour: the parts of red, green and blue that it reflects, less where a board is printed."""
 
     surface: Surface
     albedo: tuple[float, ...]
+    board: Board | None = None
+
+    def colour(self, points: Floats) -> Floats:
+        """(N, 3) parts of red, green and blue that points (N, 3) of the surface reflect."""
+        albedo = np.broadcast_to(np.asarray(self.albedo), (len(points), 3))
+        if self.board is None:
+            return albedo
+        assert isinstance(self.surface, Plane)
+        return np.asarray(albedo * self.board.white(self.surface, points)[:, None])
 
 
 @dataclass(frozen=True)
@@ -78,6 +91,7 @@ class Scene:
     ambient: Ambient
     objects: tuple[Object, ...]
     scan: Scan
+    water: Water | None = None
 
     @classmethod
     def load(cls, name: str | Path) -> "Scene":
@@ -87,19 +101,10 @@ class Scene:
         ------
         SimError : it can't be read, or a field is wrong; names file, field and value
         """
-        path = Path(name)
-        if path.suffix != ".toml":
-            path = FOLDER / f"{name}.toml"
-            if not path.is_file():
-                known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
-                raise SimError(f"there is no scene called {name}; there are {known}, or give a .toml file")
-        try:
-            with path.open("rb") as file:
-                values = tomllib.load(file)
-        except OSError as error:
-            raise SimError(f"the scene {path} can't be read: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise SimError(f"the scene {path} is not valid TOML: {error}") from error
+        path = _path(name)
+        values = _read(path)
+        if "like" in values:
+            values = _read(_path(str(values.pop("like")))) | values
         return _scene(path.stem, Table(path, "", values))
 
     def override(
@@ -184,14 +189,63 @@ ki = {per_deg_s * LOOP_RAD_S**2 * tau:.5f}
 
     def calibration(self) -> dict[str, Any]:
         """What an ideal calibration of this rig would give, in the format of calibration files."""
-        return optics.calibration(self.camera, self.laser, self.counts_per_turn, self.timing.offset_s)
+        values = optics.calibration(self.camera, self.laser, self.counts_per_turn, self.timing.offset_s)
+        return values if self.water is None else values | {"ports": self.water.calibration()}
+
+    def sight(self, directions: Floats) -> tuple[Floats, Floats]:
+        """Starts (3,) or (N, 3) and directions of sights that leave the camera along (N, 3), outside of the rig."""
+        return (np.zeros(3), directions) if self.water is None else self.water.sight(directions)
+
+    def project(self, points: Floats) -> Floats:
+        """(N, 2) pixel positions of points (N, 3) before the rig."""
+        if self.water is None:
+            return self.camera.project(points)
+        inner, _, _ = self.water.camera.quickest(np.zeros_like(points), points, self.water.index)
+        return self.camera.project(inner)
+
+    def dimmed(self, light: Floats, way_mm: Floats) -> Floats:
+        """(N, 3) parts of the room's light that come back from surfaces, after ways (N,) to the camera."""
+        return light if self.water is None else self.water.dimmed(light, way_mm)
+
+    def lit_from(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """For points (N, 3): alpha of the sheet through them, mm by which it moves there per rad (0 where it does not
+        get to), and where its light comes from, (3,) or (N, 3), outside of the rig.
+        """
+        if self.water is None:
+            return *self.laser.meets(self.laser.points(points)), self.laser.origin
+        return self.water.meets(self.laser, points)
+
+
+def _path(name: str | Path) -> Path:
+    path = Path(name)
+    if path.suffix != ".toml":
+        path = FOLDER / f"{name}.toml"
+        if not path.is_file():
+            known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
+            raise SimError(f"there is no scene called {name}; there are {known}, or give a .toml file")
+    return path
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise SimError(f"the scene {path} can't be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SimError(f"the scene {path} is not valid TOML: {error}") from error
 
 
 def _pose(table: Table) -> Floats:
     """``position_mm``, and ``rotation_deg`` as an axis times an angle."""
+    position = table.numbers("position_mm", (3,))
+    return pose_of(position, np.radians(table.numbers("rotation_deg", (3,), (0.0, 0.0, 0.0))))
+
+
+def pose_of(position: npt.ArrayLike, turn: Floats) -> Floats:
+    """The 4 x 4 pose at a position, turned by an axis times an angle (rad)."""
     pose = np.eye(4)
-    pose[:3, 3] = table.numbers("position_mm", (3,))
-    turn = np.radians(table.numbers("rotation_deg", (3,), (0.0, 0.0, 0.0)))
+    pose[:3, 3] = position
     angle = float(np.linalg.norm(turn))
     if angle:
         x, y, z = turn / angle
@@ -201,9 +255,10 @@ def _pose(table: Table) -> Floats:
 
 
 def _object(table: Table) -> Object:
-    shape = table.choice("shape", ("plane", "box", "cylinder", "sphere"))
+    shape = table.choice("shape", ("plane", "box", "cylinder", "sphere", "board"))
     pose = _pose(table)
     surface: Surface
+    board: Board | None = None
     try:
         if shape == "plane":
             size = table.numbers("size_mm", (0, 2), ())
@@ -213,13 +268,36 @@ def _object(table: Table) -> Object:
             surface = Box((x, y, z), pose)
         elif shape == "cylinder":
             surface = Cylinder(table.number("radius_mm"), table.number("height_mm"), pose)
+        elif shape == "board":
+            board = _board(table)
+            surface = Plane(board.size_mm, pose)
         else:
             surface = Sphere(table.number("radius_mm"), pose)
     except ValueError as error:
         table.fail("shape", f"{shape} can't be: {error}")
     albedo = table.numbers("albedo", (3,), low=0, high=1)
     table.finish()
-    return Object(surface, albedo)
+    return Object(surface, albedo, board)
+
+
+def _board(table: Table) -> Board:
+    pattern = table.choice("pattern", ("charuco", "chessboard"))
+    square_mm = table.number("square_mm", above=0)
+    left, top, right, bottom = table.numbers("margins_mm", (4,), Board.margins_mm, low=0)
+    board = Board(
+        pattern,
+        table.integer("columns", low=3, high=100),
+        table.integer("rows", low=3, high=100),
+        square_mm,
+        table.number("marker_mm", 0.75 * square_mm if pattern == "charuco" else 0.0, low=0),
+        table.word("dictionary", Board.dictionary),
+        table.integer("first_marker", 0, low=0),
+        (left, top, right, bottom),
+        table.boolean("mirrored", False),
+    )
+    if pattern == "charuco":
+        _ = board.print  # so that what can't be printed is found now
+    return board
 
 
 def _camera(table: Table) -> tuple[Camera, Timing]:
@@ -231,6 +309,7 @@ def _camera(table: Table) -> tuple[Camera, Timing]:
         table.number("noise", low=0),
         table.number("gain", 1.0, above=0),
         table.number("black_level", 0.0, low=0),
+        table.number("blur_px", 0.0, low=0),
     )
     if camera.matrix[0][0] <= 0 or camera.matrix[1][1] <= 0 or camera.matrix[2] != (0.0, 0.0, 1.0):
         table.fail("matrix", f"needs positive focal lengths and the last row 0, 0, 1, not {camera.matrix}")
@@ -272,6 +351,32 @@ def _laser(table: Table) -> Laser:
         table.fail("response", f"has to have 1 as its greatest number, not {max(laser.response):g}")
     table.finish()
     return laser
+
+
+def _water(table: Table) -> Water:
+    panes = []
+    for part in ("camera_port", "laser_port"):
+        port = table.table(part)
+        normal = np.array(port.numbers("normal", (3,), (0.0, 0.0, 1.0)))
+        if not np.linalg.norm(normal):
+            port.fail("normal", "has to point into the water, not be 0, 0, 0")
+        x, y, z = (normal / np.linalg.norm(normal)).tolist()
+        thickness, index = port.number("thickness_mm", 8.0, low=0), port.number("glass_index", 1.49, low=1)
+        panes.append(Pane(port.number("distance_mm", above=0), (x, y, z), thickness, index))
+        port.finish()
+    water = Water(
+        table.number("index", 1.333, low=1),
+        panes[0],
+        panes[1],
+        table.number("apex_beam_mm", 0.0),
+        table.number("apex_axis_mm", 0.0),
+        table.numbers("attenuation_per_m", (3,), (0.0, 0.0, 0.0), low=0),
+        table.numbers("veil", (3,), (0.0, 0.0, 0.0), low=0, high=1),
+        table.number("scatter_mrad", 0.0, low=0),
+        table.number("glow", 0.0, low=0),
+    )
+    table.finish()
+    return water
 
 
 def _scene(name: str, table: Table) -> Scene:
@@ -318,9 +423,12 @@ def _scene(name: str, table: Table) -> Scene:
         radians(scan_table.number("end_deg")),
     )
     scan_table.finish()
+    water = _water(table.table("water")) if table.has("water") else None
     objects = tuple(_object(item) for item in table.tables("object"))
     table.finish()
-    return Scene(name, camera, timing, laser, counts, width, flaws, parameters, start_rad, ambient, objects, scan)
+    return Scene(
+        name, camera, timing, laser, counts, width, flaws, parameters, start_rad, ambient, objects, scan, water
+    )
 
 
 @click.command()

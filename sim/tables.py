@@ -109,6 +109,24 @@ class Table:
             self.fail(key, f"has to be {what}, not {value!r}")
         return str(value)
 
+    def has(self, key: str) -> bool:
+        """Whether the field is there and not yet taken."""
+        return key in self._values
+
+    def word(self, key: str, default: str) -> str:
+        """Any word."""
+        value = self._take(key, default, "a word")
+        if not isinstance(value, str):
+            self.fail(key, f"has to be a word in quotes, not {value!r}")
+        return value
+
+    def boolean(self, key: str, default: bool) -> bool:
+        """true or false."""
+        value = self._take(key, default, "true or false")
+        if not isinstance(value, bool):
+            self.fail(key, f"has to be true or false, not {value!r}")
+        return value
+
     def table(self, key: str) -> "Table":
         """A table inside this one; an empty one where it is missing."""
         value = self._values.pop(key, {})

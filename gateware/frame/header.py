@@ -1,13 +1,13 @@
 """Headers and edge logs of two frames."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import wiring
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from magtrak.protocol import FRAME_FLAGS, MAX_EDGES, Phase
+from magtrak.protocol import FRAME, FRAME_FLAGS, MAX_EDGES, Layout, Phase
 
-from ..layouts import Edge, Field, FrameHeader, struct
+from ..layouts import Edge, Field
 from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, WORDS, ImageFacts, MotionFacts, RowFacts
 
 
@@ -97,42 +97,40 @@ class HeaderStore(wiring.Component):
         copying = Signal()  # bank
         with m.If(self.taken):
             m.d.sync += copying.eq(queue[0])
-        image = Signal(ImageFacts)
-        number = Signal(32)
-        rows = Signal(RowFacts)
-        header = Signal(FrameHeader)
-        flags = Signal(struct(FRAME_FLAGS))
-        m.d.comb += [
-            image.eq(Mux(copying, images[1], images[0])),
-            number.eq(Mux(copying, numbers[1], numbers[0])),
-            rows.eq(Mux(copying, self.rows[1], self.rows[0])),
-            flags.index_seen.eq(motion.index_seen),
-            flags.speed_in_band.eq(image.speed_in_band),
-            flags.laser_on.eq(image.laser_on),
-            flags.motor_stopped.eq(image.motor_stopped),
-            flags.encoder_fault.eq(motion.encoder_fault),
-            flags.camera_fault.eq(rows.vision.errors.as_value().any()),
-            flags.rows_lost.eq(rows.lost),
-            header.frame.eq(number),
-            header.flags.eq(flags),
-            header.camera_errors.eq(rows.vision.errors),
-            header.rows.eq(Mux(_rowless(image.phase), 0, rows.rows)),
-            header.columns.eq(rows.vision.columns),
-            header.dropped.eq(dropped),
-            header.damaged_commands.eq(damaged),
-            header.encoder_errors.eq(motion.encoder_errors),
-            header.field.eq(image.field),
-            header.row_step.eq(Mux(image.field == Field.PROGRESSIVE, 1, 2)),
-            header.first_row.eq(image.field == Field.ODD),
-            header.line_errors.eq(lost),
-        ]
-        for name in ("generation", "form", "detector", "phase", "exposure_us", "time_offset_ns"):
-            m.d.comb += header[name].eq(image[name])
-        for name in ("edges", "edge_shift", "index_passes", "index_count"):
-            m.d.comb += header[name].eq(motion[name])
-        for when in ("first", "last"):
-            for name in ("time", "count", "age", "period"):
-                m.d.comb += header[f"{when}_{name}"].eq(motion[when][name])
+        image = {name: Mux(copying, images[1][name], images[0][name]) for name, _ in data.Layout.cast(ImageFacts)}
+        number = Mux(copying, numbers[1], numbers[0])
+        rows = {name: Mux(copying, self.rows[1][name], self.rows[0][name]) for name in ("rows", "lost")}
+        vision = {name: Mux(copying, *(self.rows[n].vision[name] for n in (1, 0))) for name in ("errors", "columns")}
+        flags = {name: image[name] for name in ("speed_in_band", "laser_on", "motor_stopped")} | {
+            "index_seen": motion.index_seen,
+            "encoder_fault": motion.encoder_fault,
+            "camera_fault": vision["errors"].any(),
+            "rows_lost": rows["lost"],
+        }
+        values = (
+            {name: image[name] for name in ("generation", "form", "detector", "phase", "exposure_us", "time_offset_ns")}
+            | {name: motion[name] for name in ("edges", "edge_shift", "index_passes", "index_count", "encoder_errors")}
+            | {
+                f"{when}_{name}": motion[when][name]
+                for when in ("first", "last")
+                for name in ("time", "count", "age", "period")
+            }
+            | {
+                "frame": number,
+                "flags": _packed(FRAME_FLAGS, flags),
+                "camera_errors": vision["errors"],
+                "rows": Mux(_rowless(image["phase"]), 0, rows["rows"]),
+                "columns": vision["columns"],
+                "dropped": dropped,
+                "damaged_commands": damaged,
+                "field": image["field"],
+                "row_step": Mux(image["field"] == Field.PROGRESSIVE, 1, 2),
+                "first_row": image["field"] == Field.ODD,
+                "line_errors": lost,
+            }
+        )
+        # Not a signal: of a word that is written alone its fields are put together, and nothing at other times.
+        header = _packed(FRAME, values)
 
         step = Signal(range(EDGE_WORDS * MAX_EDGES + 1))
         m.d.sync += [write.en.eq(0), self.complete.eq(0)]
@@ -168,7 +166,7 @@ class HeaderStore(wiring.Component):
                 with m.Switch(step):
                     for word in range(HEADER_WORDS):
                         with m.Case(word):
-                            m.d.sync += write.data.eq(header.as_value()[32 * word : 32 * (word + 1)])
+                            m.d.sync += write.data.eq(header[32 * word : 32 * (word + 1)])
                 with m.If(step == HEADER_WORDS - 1):
                     m.next = "Complete"
 
@@ -182,5 +180,16 @@ class HeaderStore(wiring.Component):
         return m
 
 
-def _rowless(phase):
+def _packed(layout: Layout, values: dict) -> Value:
+    """The record of these values, each cut or extended to its field; reserved ones are 0."""
+    parts = []
+    for field in layout.fields:
+        value = Value.cast(0 if field.reserved else values.pop(field.name))
+        extension = value[-1].replicate(field.bits) if value.shape().signed else Const(0, field.bits)
+        parts.append(Cat(value, extension)[: field.bits])
+    assert not values, f"{layout.name} has no fields {sorted(values)}"
+    return Cat(parts)
+
+
+def _rowless(phase: Value) -> Value:
     return (phase == Phase.BACKGROUND) | (phase == Phase.SKIPPED)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Booleans, Floats, Integers
+from .arrays import Booleans, Floats
 from .edges import SAME_EDGE_CLOCKS, Edges, edges_of_frame, wrapped_difference
 from .frames import Frame
 
@@ -68,7 +68,7 @@ def interpolate(
     Parameters
     ----------
     edges : all that are known around the times
-    times : clocks after ``origin``
+    times : clocks after ``origin``, ascending
     origin : clocks since reset
     quiet_until : clocks since reset until which no edge came after the last one
     known : where latches tell the count, which edges may not: a log that was thinned leaves out its last ones
@@ -79,57 +79,68 @@ def interpolate(
     # Interval i lies before edge i; the first and the last are open.
     i = np.searchsorted(t, times, side="right")
     # What the encoder showed in each interval, and how far unlogged edges may have led away from it.
-    shown = np.concatenate([edges.before[:1], edges.count])[i]
-    away = np.append(edges.unlogged, edges.unlogged[-1])[i].astype(np.float64)
+    shown = np.concatenate([edges.before[:1], edges.count]).astype(np.float64)
+    away = np.append(edges.unlogged, edges.unlogged[-1]).astype(np.float64)
     away[away < 0] = np.inf
-    for latch in known:
-        within = (times >= latch.start - origin) & (times <= latch.end - origin)
-        shown[within] = latch.count
-        away[within] = 0
     if count == 1:
-        return shown + 0.5, np.ones(len(times), bool)
+        least, room = shown[i], away[i]
+        curve, stood = least + 0.5, np.ones(len(times), bool)
+    else:
+        # Each row takes its interval's numbers in one go: there are some twenty intervals and a thousand rows.
+        table = np.vstack([_curves(t, p), shown, away, _standing(t, times, quiet_until - origin)])
+        begin, c0, c1, c2, c3, least, room, still = table.take(i, axis=1)
+        x = times - begin
+        curve = c0 + x * (c1 + x * (c2 + x * c3))
+        stood = still != 0
+        before_first = int(np.searchsorted(times, t[0]))
+        stood[:before_first] |= t[0] - times[:before_first] > STANDSTILL_RATIO * (t[1] - t[0])
+    for latch in known:
+        within = slice(
+            int(np.searchsorted(times, latch.start - origin)),
+            int(np.searchsorted(times, latch.end - origin, side="right")),
+        )
+        least[within] = latch.count
+        room[within] = 0
+    standing = stood & (room == 0) if count > 1 else stood
+    position = np.minimum(np.maximum(curve, least - room), least + 1 + room)
+    return np.where(standing, least + 0.5, position), standing
+
+
+def _curves(t: Floats, p: Floats) -> Floats:
+    """For each interval, the open ones included: where it begins, and the coefficients of its polynomial from there."""
     slope, bend = _derivatives(t, p)
-    inner = np.clip(i, 1, count - 1)
-    h = t[inner] - t[inner - 1]
-    x = (times - t[inner - 1]) / h
-    x2, x3 = x * x, x * x * x
-    cubic = (
-        (2 * x3 - 3 * x2 + 1) * p[inner - 1]
-        + (x3 - 2 * x2 + x) * h * slope[inner - 1]
-        + (3 * x2 - 2 * x3) * p[inner]
-        + (x3 - x2) * h * slope[inner]
-    )
-    end = np.where(i == 0, 0, count - 1)
-    beyond = times - t[end]
-    parabola = p[end] + (slope[end] + bend[end] / 2 * beyond) * beyond
-    position = np.where(i == inner, cubic, parabola)
-    position = np.clip(position, shown - away, shown + 1 + away)
-    standing = _standing(t, times, i, quiet_until - origin) & (away == 0)
-    return np.where(standing, shown + 0.5, position), standing
+    h = t[1:] - t[:-1]
+    s = (p[1:] - p[:-1]) / h
+    begin = np.concatenate([t[:1], t])
+    c0, c1 = np.concatenate([p[:1], p]), np.concatenate([slope[:1], slope])
+    # Hermite's cubic between two edges; the outermost parabolas go on.
+    c2 = np.concatenate([bend[:1] / 2, (3 * s - 2 * slope[:-1] - slope[1:]) / h, bend[-1:] / 2])
+    c3 = np.concatenate([[0.0], (slope[:-1] + slope[1:] - 2 * s) / (h * h), [0.0]])
+    return np.stack([begin, c0, c1, c2, c3])
 
 
 def _derivatives(t: Floats, p: Floats) -> tuple[Floats, Floats]:
     """First and second derivative at each edge of the parabola through it and its neighbours; at an end, of the
     outermost parabola; of a straight line where there are but two edges.
     """
-    h = np.diff(t)
-    s = np.diff(p) / h
+    h = t[1:] - t[:-1]
+    s = (p[1:] - p[:-1]) / h
     if len(s) == 1:
         return np.repeat(s, 2), np.zeros(2)
-    inner = (h[1:] * s[:-1] + h[:-1] * s[1:]) / (h[:-1] + h[1:])
-    bend = 2 * np.diff(s) / (h[:-1] + h[1:])
+    both = h[:-1] + h[1:]
+    inner = (h[1:] * s[:-1] + h[:-1] * s[1:]) / both
+    bend = 2 * (s[1:] - s[:-1]) / both
     slope = np.concatenate([[2 * s[0] - inner[0]], inner, [2 * s[-1] - inner[-1]]])
     return slope, np.concatenate([bend[:1], bend, bend[-1:]])
 
 
-def _standing(t: Floats, times: Floats, i: Integers, quiet_until: float) -> Booleans:
-    """Whether interval i of each time, bounded by edges at t, is so long that the encoder must have stood."""
-    h = np.diff(t)
+def _standing(t: Floats, times: Floats, quiet_until: float) -> Booleans:
+    """Whether each interval but the one before the first edge is so long that the encoder must have stood."""
+    h = t[1:] - t[:-1]
     longer_neighbour = np.maximum(np.concatenate([[0.0], h[:-1]]), np.concatenate([h[1:], [0.0]]))
     inner = (h > STANDSTILL_RATIO * longer_neighbour) & (longer_neighbour > 0)
     after_last = max(quiet_until, float(times.max(initial=0.0))) - t[-1] > STANDSTILL_RATIO * h[-1]
-    before_first = t[0] - times > STANDSTILL_RATIO * h[0]
-    return np.asarray(np.concatenate([[False], inner, [after_last]])[i] | ((i == 0) & before_first))
+    return np.concatenate([[False], inner, [after_last]])
 
 
 class AngleTracker:

@@ -1,8 +1,9 @@
 """The calibration file: camera, laser and what lies between them.
 
 JSON with the sections ``camera`` (:class:`CameraCalibration`), ``laser`` (:class:`magtrak.laser.Laser`) and, if need
-be, ``encoder`` with its ``error_table``; lengths in mm, angles in rad. Every field is checked when a file is read, and
-keys that this version does not know are kept when it is written again.
+be, ``encoder`` with its ``error_table`` and ``ports`` (:class:`magtrak.ports.Ports`, under water); lengths in mm,
+angles in rad. Every field is checked when a file is read, and keys that this version does not know are kept when it is
+written again.
 """
 
 import copy
@@ -19,6 +20,7 @@ from .camera import BrownConrady, CameraModel, Projection
 from .checked import Checked
 from .errors import CalibrationError, OutputError
 from .laser import Laser
+from .ports import Ports
 
 FORMAT = "magtrak-calibration"
 VERSION = 1
@@ -57,11 +59,12 @@ class CameraCalibration:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A whole calibration; ``extra`` is the file as read, unknown keys included."""
+    """A whole calibration; ``extra`` is the file as read, unknown keys included; ``ports`` is None in air."""
 
     camera: CameraCalibration
     laser: Laser
     extra: Mapping[str, Any] = field(default_factory=dict)
+    ports: Ports | None = None
 
     @classmethod
     def parse(cls, values: object, where: str = "calibration") -> "Calibration":
@@ -79,6 +82,7 @@ class Calibration:
             _camera(top.section("camera")),
             _laser(top.section("laser"), top.section("encoder", required=False)),
             copy.deepcopy(dict(top.values)),
+            Ports.parse(top.section("ports")) if "ports" in top.values else None,
         )
         try:
             calibration.camera.build()
@@ -124,6 +128,8 @@ class Calibration:
             laser[name] = getattr(self.laser, name)
         if len(self.laser.error_table):
             values.setdefault("encoder", {})["error_table"] = self.laser.error_table.tolist()
+        if self.ports is not None:
+            values["ports"] = self.ports.as_dict()
         return values
 
 

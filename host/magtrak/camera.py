@@ -16,7 +16,7 @@ class CameraModel(Protocol):
 
     Attributes
     ----------
-    centre : point of C in which all rays meet, (3,), mm
+    centre : point of C in which all rays meet, (3,), mm (behind a port, :mod:`magtrak.ports`, they do so in air only)
     """
 
     centre: Floats
@@ -41,6 +41,7 @@ class BrownConrady:
     matrix : (3, 3), [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in px
     distortion : (4,), (5,) or (8,)
     width, height : size of the picture, px
+    steps : fixed-point steps, where they shall not be found here
 
     Attributes
     ----------
@@ -58,12 +59,12 @@ class BrownConrady:
     TOLERANCE_PX = 1e-4
     MAX_STEPS = 60
 
-    def __init__(self, matrix: Floats, distortion: Floats, width: int, height: int) -> None:
+    def __init__(self, matrix: Floats, distortion: Floats, width: int, height: int, steps: int | None = None) -> None:
         self.matrix = np.asarray(matrix, dtype=np.float64)
         self.distortion = np.zeros(8)
         self.distortion[: len(distortion)] = distortion
         self.centre: Floats = np.zeros(3)
-        self.steps = self._find_steps(width, height)
+        self.steps = self._find_steps(width, height) if steps is None else steps
 
     def ray(self, u: Floats, v: Floats) -> Floats:
         x, y = self._undistort(*self._normalise(u, v), self.steps)

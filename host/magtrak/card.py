@@ -1,12 +1,14 @@
 """A card at the end of a link: who it is, its registers, its frames."""
 
+import contextlib
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from . import protocol
-from .errors import CardError
+from .clock import CardClock
+from .errors import CardError, CardResetError, LinkError
 from .frames import DamagedFrameError, Frame, decode_frame
 from .link import Link
 from .protocol import AnswerCode, Packet, PacketType, Register, register
@@ -21,7 +23,11 @@ ATTEMPTS = 3
 SILENCE_S = 10.0
 """A card that neither sends nor answers for so long is taken for dead."""
 
+CHECK_S = 1.0
+"""How often the card is asked whether it still runs: after a reset it would answer, and never send a frame."""
+
 _SAFETY = register("safety").address
+_RUN = register("run").address
 
 _REFUSALS = {
     AnswerCode.UNKNOWN_TYPE: "does not know this kind of command",
@@ -41,6 +47,13 @@ class Identity:
     clock_hz: int
     max_columns: int
     max_rows: int
+    serial: int = 0
+    link_baud: int = 0
+
+    @property
+    def serial_text(self) -> str:
+        """The serial number as people write it; "-" for a card without."""
+        return f"{self.serial:X}" if self.serial else "-"
 
 
 @dataclass(frozen=True)
@@ -68,6 +81,10 @@ class Card:
     ----------
     identity : what the card says of itself
     damaged_frames : frames intact on the wire whose content cannot be
+    clock : the card's clock against the computer's, from the frames given out
+    delays_s : how much later than the quickest ones the frames given out last came
+    on_snapshot : called with each packet of a snapshot
+    round_trips_s : how long the last answers took, while commands were waited for
 
     Raises
     ------
@@ -79,20 +96,32 @@ class Card:
         self.link = link
         self.answer_timeout_s = answer_timeout_s
         self.damaged_frames = 0
-        self._frames: deque[Packet] = deque()
+        self.clock = CardClock()
+        self.on_snapshot: Callable[[Packet], None] | None = None
+        self.delays_s: deque[float] = deque(maxlen=1000)
+        self.round_trips_s: deque[float] = deque(maxlen=100)
+        self._frames: deque[tuple[Packet, float]] = deque()
         self._lease_s = 1.0
         self._last_command = time.monotonic()
         self._last_packet = time.monotonic()
         self._card_time_s = self._heard_s = 0.0
         self._armed = False
-        self._fault: str | None = None
+        self._fault: CardError | None = None
+        self._before_fault = 0
+        self._running = False
+        self._checked_s = time.monotonic()
         self.identity = self._greet()
+        link.begin()
 
     def read(self, name: str) -> int:
         """The value of a register: for settings of the measurement, the one in force."""
-        entry = register(name)
-        (word,) = self._run([_Command(PacketType.READ, entry, entry.address, 0)])
-        return entry.decode(word)
+        return self.read_all([name])[0]
+
+    def read_all(self, names: Sequence[str]) -> list[int]:
+        """The values of registers, several commands under way at once."""
+        entries = [register(name) for name in names]
+        answers = self._run([_Command(PacketType.READ, entry, entry.address, 0) for entry in entries])
+        return [entry.decode(answer["value"]) for entry, answer in zip(entries, answers, strict=True)]
 
     def write(self, name: str, value: int) -> None:
         """Write a register; :exc:`CardError` where the card refuses, :exc:`ValueError` where no card could take it."""
@@ -107,21 +136,30 @@ class Card:
                 commands.append(_Command(PacketType.WRITE, entry, entry.address + number, entry.encode(word)))
         self._run(commands)
 
+    def commit(self) -> int:
+        """Put what was written in force from the next image on; returns the generation that it will have."""
+        generation = self.read("generation") % 0xFFFF + 1
+        self.write("commit", generation)
+        return generation
+
+    def wait_in_force(self, generation: int, timeout_s: float) -> bool:
+        """Whether settings of that generation are in force before ``timeout_s`` is over; without images they wait."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            if self.read_all(["generation", "pending"]) == [generation, 0]:
+                return True
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(0.01)
+
     def apply(self, settings: Settings) -> int:
         """Write all settings and commit them; returns the generation under which frames will have them.
 
         The laser stays off and the motor stands: see :meth:`start`.
         """
-        generation = self.read("generation") % 0xFFFF + 1
-        self.write_all(
-            [
-                *settings.register_values(self.identity.clock_hz),
-                *settings.tables(),
-                ("commit", [generation]),
-            ]
-        )
+        self.write_all([*settings.register_values(self.identity.clock_hz), *settings.tables()])
         self._lease_s = settings.laser.lease_s
-        return generation
+        return self.commit()
 
     def start(self, settings: Settings) -> None:
         """Arm the laser, start the motor, send frames, as the settings have it."""
@@ -131,6 +169,7 @@ class Card:
             self._armed = True
         mode = settings.motor.mode_word()
         self.write_all([("motor_duty", [settings.motor.duty_word()]), ("motor_mode", [mode]), ("run", [1])])
+        self._running = True
 
     def safety(self) -> Safety:
         """State of laser and motor, and what ended them last."""
@@ -138,7 +177,7 @@ class Card:
 
     def stop(self) -> None:
         """Laser disarmed, motor off, no more frames."""
-        self._armed = False
+        self._armed = self._running = False
         self.write_all([("laser_arm", [0]), ("motor_mode", [0]), ("run", [0])])
 
     def frames(self, poll_s: float = 0.1) -> Iterator[Frame | None]:
@@ -149,28 +188,42 @@ class Card:
         EndOfStreamError, LinkError
             The stream ended, after all frames that came.
         CardError
-            The card has fallen silent, or it has stopped laser or motor; in one sentence, why.
+            The card has fallen silent, or it has stopped laser or motor, or was reset; in one sentence, why. All frames
+            that came before were given out.
         """
         while True:
             self._keep_lease()
-            if not self._frames:
+            if not self._frames and self._fault is None:
                 self._receive(poll_s)
-            if self._fault is not None:
-                raise CardError(self._fault)
+            if self._fault is not None and self._before_fault == 0:
+                raise self._fault
             if not self._frames:
                 if time.monotonic() - self._last_packet > SILENCE_S:
                     raise CardError(f"the card at {self.link.port} fell silent: switch it off and on, then start again")
                 yield None
                 continue
+            packet, arrival_s = self._frames.popleft()
+            self._before_fault = max(self._before_fault - 1, 0)
             try:
-                frame = decode_frame(self._frames.popleft().payload)
+                frame = decode_frame(packet.payload)
             except DamagedFrameError:
                 self.damaged_frames += 1
                 continue
-            self._card_time_s = frame.header["last_time"] / self.identity.clock_hz
+            self._note_time(frame, arrival_s)
             if frame.flags["motor_stopped"]:
-                self._ask_safety()
+                with contextlib.suppress(LinkError):
+                    self._ask_safety()
             yield frame
+
+    def _note_time(self, frame: Frame, arrival_s: float) -> None:
+        card_s = frame.header["last_time"] / self.identity.clock_hz
+        if card_s < self._card_time_s:
+            self.clock.reset()
+        self._card_time_s = card_s
+        self.clock.add(card_s, arrival_s)
+        delay_s = self.clock.delay_s(card_s, arrival_s)
+        if delay_s is not None:
+            self.delays_s.append(delay_s)
 
     def _keep_lease(self) -> None:
         """Any intact command renews the lease; the one that asks how laser and motor are. The answer is not waited
@@ -178,7 +231,12 @@ class Card:
         """
         silent_s = max(time.monotonic() - self._last_command, self._card_time_s - self._heard_s)
         if silent_s > min(self._lease_s / 5, 1.0):
-            self._ask_safety()
+            # Where the port died, that is told once all that was received has been given out.
+            with contextlib.suppress(LinkError):
+                self._ask_safety()
+                if self._running and time.monotonic() - self._checked_s > CHECK_S:
+                    self._checked_s = time.monotonic()
+                    self._send(_Command(PacketType.READ, register("run"), _RUN, 0))
 
     def _ask_safety(self) -> None:
         self._send(_Command(PacketType.READ, register("safety"), _SAFETY, 0))
@@ -194,26 +252,36 @@ class Card:
             return None
         self._last_packet = time.monotonic()
         if packet.type == PacketType.FRAME:
-            self._frames.append(packet)
+            self._frames.append((packet, self.link.arrival_s))
+        elif packet.type == PacketType.SNAPSHOT and self.on_snapshot is not None:
+            self.on_snapshot(packet)
         elif packet.type == PacketType.ANSWER and len(packet.payload) == protocol.ANSWER.size:
             answer = protocol.ANSWER.unpack(packet.payload)
-            fault = Safety.of(answer["value"]).fault(self._armed) if answer["address"] == _SAFETY else None
-            self._fault = fault or self._fault
+            self._look_for_fault(answer)
             return answer
         return None
 
-    def _run(self, commands: Sequence[_Command]) -> list[int]:
-        """Have commands carried out in order; the words in their answers.
+    def _look_for_fault(self, answer: dict[str, int]) -> None:
+        fault: CardError | None = None
+        if answer["address"] == _SAFETY and (text := Safety.of(answer["value"]).fault(self._armed)):
+            fault = CardError(text)
+        elif answer["address"] == _RUN and self._running and answer["code"] == AnswerCode.DONE and not answer["value"]:
+            fault = CardResetError("the card was reset during the scan: check its power, then start again")
+        if fault is not None and self._fault is None:
+            self._fault, self._before_fault = fault, len(self._frames)
+
+    def _run(self, commands: Sequence[_Command]) -> list[Mapping[str, int]]:
+        """Have commands carried out in order; their answers.
 
         At most :data:`WINDOW` are under way. One whose answer does not come is sent again, and all after it: writing
         twice does no harm, and so the order stays.
         """
-        words: list[int] = []
+        answers: list[Mapping[str, int]] = []
         attempts = 0
-        while len(words) < len(commands):
-            done = len(words)
-            words += self._attempt(commands[done:])
-            if len(words) > done:
+        while len(answers) < len(commands):
+            done = len(answers)
+            answers += self._attempt(commands[done:])
+            if len(answers) > done:
                 attempts = 0
                 continue
             attempts += 1
@@ -222,31 +290,32 @@ class Card:
                     f"the card at {self.link.port} does not answer ({commands[done].describe()}):"
                     " check port and baud rate, or switch it off and on"
                 )
-        return words
+        return answers
 
-    def _attempt(self, commands: Sequence[_Command]) -> list[int]:
-        """Send commands until an answer fails to come; the words of those answered."""
-        under_way: deque[tuple[int, _Command]] = deque()
-        words: list[int] = []
+    def _attempt(self, commands: Sequence[_Command]) -> list[Mapping[str, int]]:
+        """Send commands until an answer fails to come; the answers until then."""
+        under_way: deque[tuple[int, _Command, float]] = deque()
+        answers: list[Mapping[str, int]] = []
         sent = 0
         deadline = time.monotonic() + self.answer_timeout_s
-        while len(words) < len(commands):
+        while len(answers) < len(commands):
             while sent < len(commands) and len(under_way) < WINDOW:
-                under_way.append((self._send(commands[sent]), commands[sent]))
+                under_way.append((self._send(commands[sent]), commands[sent], time.monotonic()))
                 sent += 1
             left = deadline - time.monotonic()
             if left <= 0:
-                return words
+                return answers
             answer = self._receive(left)
-            if answer is None or answer["to"] not in [sequence for sequence, _ in under_way]:
+            if answer is None or answer["to"] not in [sequence for sequence, _, _ in under_way]:
                 continue
             if answer["to"] != under_way[0][0]:
-                return words  # one before it was damaged on the way
-            _, command = under_way.popleft()
+                return answers  # one before it was damaged on the way
+            _, command, since = under_way.popleft()
+            self.round_trips_s.append(self.link.arrival_s - since)
             self._check(command, answer)
-            words.append(answer["value"])
+            answers.append(answer)
             deadline = time.monotonic() + self.answer_timeout_s
-        return words
+        return answers
 
     def _check(self, command: _Command, answer: dict[str, int]) -> None:
         if answer["code"] in (AnswerCode.DONE, AnswerCode.PENDING):
@@ -266,7 +335,8 @@ class Card:
         try:
             magic = self.read("magic")
         except CardError:
-            if self.link.bytes_received and not self.link.packets:
+            heard = self.link.statistics
+            if heard.bytes and not heard.packets:
                 raise CardError(
                     f"{port} sends data, but no Magtrak packets: it is another device, or has another baud rate"
                 ) from None
@@ -286,5 +356,6 @@ class Card:
                 f"the card at {port} has another register map (0x{map_hash:08X}, not 0x{protocol.map_hash():08X}):"
                 " use bitstream and magtrak of the same release"
             )
-        names = ("clock_hz", "max_columns", "max_rows")
-        return Identity(version, map_hash, *(self.read(name) for name in names))
+        names = ("clock_hz", "max_columns", "max_rows", "serial_low", "serial_high", "link_baud")
+        clock_hz, columns, rows, low, high, baud = self.read_all(names)
+        return Identity(version, map_hash, clock_hz, columns, rows, low | high << 32, baud)

@@ -25,6 +25,10 @@ class CardError(MagtrakError):
     """What answers is no card that this host understands, or the card refused a command."""
 
 
+class CardResetError(CardError):
+    """The card has started anew, and knows nothing of what it was told."""
+
+
 class OutputError(MagtrakError):
     """A file cannot be written."""
 

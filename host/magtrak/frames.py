@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import protocol
-from .arrays import Booleans, Floats, Integers
-from .protocol import Layout, RowForm
+from .arrays import Booleans, Floats, Integers, Numbers
+from .protocol import FieldParity, Layout, RowForm
 
 _ROWS = {RowForm.COMPACT: protocol.COMPACT_ROW, RowForm.FULL: protocol.FULL_ROW}
 
@@ -22,7 +22,7 @@ class Rows:
 
     Attributes
     ----------
-    row : row of the image
+    row : row of the picture: of an interlaced one, an image has every other
     column_px : column of the line, distorted picture; 0 where not valid
     valid, ambiguous, saturated, cut, overflow : flags as in the protocol
     peak : greatest weight of the run, 0 to 255 (in steps of 17 in the compact form)
@@ -84,6 +84,8 @@ def unpack_records(layout: Layout, data: bytes | memoryview, count: int) -> dict
 
     Fields are at most 63 bits wide when unsigned, 64 when signed, as int64 holds them.
     """
+    if layout.size == 4:
+        return _unpack_words(layout, np.frombuffer(data, "<u4", count))
     words = -(-layout.size // 8)
     padded = np.zeros((count, 8 * words), np.uint8)
     padded[:, : layout.size] = np.frombuffer(data, np.uint8, count * layout.size).reshape(count, layout.size)
@@ -101,6 +103,19 @@ def unpack_records(layout: Layout, data: bytes | memoryview, count: int) -> dict
         value = value << np.uint64(spare)
         number = value.view(np.int64) >> spare if field.signed else (value >> np.uint64(spare)).astype(np.int64)
         fields[field.name] = np.asarray(number, dtype=np.int64)
+    return fields
+
+
+def _unpack_words(layout: Layout, word: Numbers) -> dict[str, Integers]:
+    """As :func:`unpack_records`, for records of 32 bits without signed fields."""
+    fields = {}
+    for offset, field in layout:
+        assert not field.signed
+        value = word >> np.uint32(offset) if offset else word
+        if offset + field.bits < 32:
+            value = value & np.uint32((1 << field.bits) - 1)
+        if not field.reserved:
+            fields[field.name] = value.astype(np.int64)
     return fields
 
 
@@ -127,21 +142,23 @@ def decode_frame(payload: bytes) -> Frame:
         raise DamagedFrameError(f"{len(payload)} bytes do not hold {edges} edges and {rows} rows")
     if header["last_time"] < header["first_time"]:
         raise DamagedFrameError("the last row came before the first")
+    if header["row_step"] != (1 if header["field"] == FieldParity.PROGRESSIVE else 2):
+        raise DamagedFrameError(f"rows {header['row_step']} apart are not those of field {header['field']}")
     flags = protocol.FRAME_FLAGS.unpack(header["flags"].to_bytes(protocol.FRAME_FLAGS.size, "little"))
     view = memoryview(payload)
     return Frame(
         header,
         flags,
         unpack_records(protocol.EDGE, view[size:rows_at], edges),
-        _decode_rows(layout, view[rows_at:], rows, header["first_row"]),
+        _decode_rows(layout, view[rows_at:], header["first_row"] + header["row_step"] * np.arange(rows)),
     )
 
 
-def _decode_rows(layout: Layout, data: memoryview, count: int, first_row: int) -> Rows:
-    raw = unpack_records(layout, data, count)
+def _decode_rows(layout: Layout, data: memoryview, row: Integers) -> Rows:
+    raw = unpack_records(layout, data, len(row))
     peak_scale = 17 if layout is protocol.COMPACT_ROW else 1  # 15 * 17 == 255
     return Rows(
-        row=first_row + np.arange(count),
+        row=row,
         column_px=raw["position"] / (1 << protocol.POSITION_FRACTION_BITS),
         valid=raw["valid"].astype(bool),
         ambiguous=raw["ambiguous"].astype(bool),

@@ -53,8 +53,8 @@ class Laser:
         """Planes n . P = d in C: unit normals (N, 3) and d (N,) in mm, for angles (N,)."""
         alpha = np.asarray(alpha, dtype=np.float64)
         cos_tilt, sin_tilt = np.cos(self.tilt_rad), np.sin(self.tilt_rad)
-        in_laser = np.stack(
-            [-np.sin(alpha) * cos_tilt, np.cos(alpha) * cos_tilt, np.full_like(alpha, sin_tilt)], axis=-1
-        )
-        normals = in_laser @ self.camera_from_laser[:3, :3].T
-        return normals, normals @ self.camera_from_laser[:3, 3] + self.offset_mm
+        # Columns: the laser's axes in C; n = -sin(alpha) cos(tilt) X + cos(alpha) cos(tilt) Y + sin(tilt) Z.
+        axes, origin = self.camera_from_laser[:3, :3], self.camera_from_laser[:3, 3]
+        sine, cosine = -np.sin(alpha)[:, None], np.cos(alpha)[:, None]
+        normals = sine * (cos_tilt * axes[:, 0]) + cosine * (cos_tilt * axes[:, 1]) + sin_tilt * axes[:, 2]
+        return normals, normals @ origin + self.offset_mm

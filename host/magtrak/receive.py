@@ -1,32 +1,20 @@
 """One scan, from opening the port to the cloud on disk: what ``magtrak-recv`` does."""
 
-import contextlib
-import signal
 import sys
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 
 from .calibration import Calibration
-from .card import Card
 from .cloud.ply import write_ply
-from .errors import EndOfStreamError, MagtrakError, OutputError, SettingsError
-from .link import Link
+from .discover import resolve
+from .errors import OutputError, SettingsError
+from .receiver import Interrupt, Limits, Receiver
+from .recording import Recorder, require_mcap
 from .scan import Scan
 from .settings import Settings
-from .settings_file import load_settings
+from .settings_file import load_settings, settings_text
 
-PROGRESS_S = 0.2
-
-
-@dataclass(frozen=True)
-class Limits:
-    """When to end: after so many frames, so many seconds, whichever comes first; None for never."""
-
-    frames: int | None = None
-    seconds: float | None = None
+__all__ = ["Limits", "check_outputs", "receive", "write_cloud"]
 
 
 def receive(
@@ -37,9 +25,11 @@ def receive(
     settings: str,
     output: Path,
     picture: Path | None = None,
+    record: Path | None = None,
     limits: Limits,
     min_quality: float = 0.0,
     bare: bool = False,
+    reconnect_s: float = 0.0,
 ) -> None:
     """Receive a scan, write the cloud, print the summary.
 
@@ -53,95 +43,32 @@ def receive(
     """
     loaded = Calibration.load(calibration)
     chosen = _with_counts_per_turn(load_settings(settings), loaded, settings)
-    _check_outputs(output, picture)
-    interrupt = _Interrupt()
-    with Link(port, baud) as link:
-        card = Card(link)
-        scan = Scan(loaded, card.identity.clock_hz, bare=bare, min_quality=min_quality)
-        failure: MagtrakError | None = None
-        with interrupt:
-            try:
-                generation = card.apply(chosen)
-                card.start(chosen)
-                _take_frames(card, scan, generation, limits, interrupt)
-            except EndOfStreamError:
-                pass
-            except MagtrakError as error:
-                failure = error
-            with contextlib.suppress(MagtrakError):
-                card.stop()
-            scan.finish()
-            _write(scan, output, picture, calibration, settings)
-    print(_summary(scan, card), flush=True)
+    check_outputs(output, picture, record)
+    receiver = Receiver(chosen, limits, baud, reconnect_s)
+
+    def recorder() -> Recorder | None:
+        if record is None:
+            return None
+        options = {"angle": "bare" if bare else "rows", "min_quality": repr(min_quality)}
+        return Recorder(record, calibration.read_text(encoding="utf-8"), settings_text(settings), options)
+
+    try:
+        receiver.connect(resolve(port, baud), recorder)
+    except BaseException:
+        receiver.discard()
+        raise
+    try:
+        scan = Scan(loaded, receiver.card.identity.clock_hz, bare=bare, min_quality=min_quality)
+        with Interrupt() as interrupt:
+            failure = receiver.run(scan, interrupt)
+            comments = [f"calibration {calibration.name}", f"settings {Path(settings).name}", "camera frame, mm"]
+            write_cloud(scan, output, picture, [*comments, *receiver.time_comments])
+    finally:
+        receiver.close()
+    print(receiver.summary(scan), flush=True)
     if failure is not None:
         raise type(failure)(f"{failure}; the cloud so far is in {output}")
     _warn_if_empty(scan)
-
-
-class _Interrupt:
-    """While entered, Ctrl-C and a request to end are noted, not raised: the cloud is written all the same."""
-
-    def __init__(self) -> None:
-        self.asked = False
-
-    def __enter__(self) -> None:
-        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _note(self, _number: int, _frame: FrameType | None) -> None:
-        self.asked = True
-
-
-def _take_frames(card: Card, scan: Scan, generation: int, limits: Limits, interrupt: _Interrupt) -> None:
-    start = time.monotonic()
-    with _progress(scan, card) as show:
-        for frame in card.frames():
-            # Frames of a run before, measured with other settings, may still be under way.
-            if frame is not None and (scan.counts.frames or frame.header["generation"] == generation):
-                scan.push(frame)
-            show()
-            if interrupt.asked or scan.counts.frames == limits.frames:
-                return
-            if limits.seconds is not None and time.monotonic() - start >= limits.seconds:
-                return
-
-
-class _Progress:
-    def __init__(self, scan: Scan, card: Card) -> None:
-        self._scan, self._card = scan, card
-        self._start = self._last = time.monotonic()
-
-    def __call__(self) -> None:
-        now = time.monotonic()
-        if now - self._last < PROGRESS_S:
-            return
-        self._last = now
-        counts = self._scan.counts
-        text = (
-            f"{now - self._start:6.1f} s  {counts.frames} frames  {counts.points} points"
-            f"  {counts.lost_frames} lost  {self._card.link.damaged_packets} damaged"
-        )
-        print(f"\r{text}\x1b[K", end="", file=sys.stderr, flush=True)
-
-
-@contextlib.contextmanager
-def _progress(scan: Scan, card: Card) -> Iterator["_Progress | _Silence"]:
-    """A line on a terminal that is written over and over; nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield _Silence()
-        return
-    try:
-        yield _Progress(scan, card)
-    finally:
-        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-
-
-class _Silence:
-    def __call__(self) -> None:
-        """Show nothing."""
 
 
 def _with_counts_per_turn(settings: Settings, calibration: Calibration, name: str) -> Settings:
@@ -152,8 +79,9 @@ def _with_counts_per_turn(settings: Settings, calibration: Calibration, name: st
     return replace(settings, encoder=replace(settings.encoder, counts_per_turn=wanted))
 
 
-def _check_outputs(output: Path, picture: Path | None) -> None:
-    for path in filter(None, (output, picture)):
+def check_outputs(output: Path, picture: Path | None, record: Path | None = None) -> None:
+    """:exc:`MagtrakError` where one of the files could not be written, or not be made."""
+    for path in filter(None, (output, picture, record)):
         if path.is_dir():
             raise OutputError(f"{path} is a folder: name a file in it")
         if not path.absolute().parent.is_dir():
@@ -167,37 +95,17 @@ def _check_outputs(output: Path, picture: Path | None) -> None:
         from .cloud.picture import require_matplotlib
 
         require_matplotlib()
+    if record is not None:
+        require_mcap()
 
 
-def _write(scan: Scan, output: Path, picture: Path | None, calibration: Path, settings: str) -> None:
-    comments = [f"calibration {calibration.name}", f"settings {Path(settings).name}", "camera frame, mm"]
+def write_cloud(scan: Scan, output: Path, picture: Path | None, comments: list[str]) -> None:
+    """The cloud, and its picture where one is wanted and there are points."""
     write_ply(output, scan.chunks, comments)
     if picture is not None and scan.counts.points:
         from .cloud.picture import draw
 
         draw(scan.cloud(), picture)
-
-
-def _summary(scan: Scan, card: Card) -> str:
-    counts, link = scan.counts, card.link
-    damaged = link.damaged_packets + card.damaged_frames
-    parts = [
-        f"{counts.frames} frames",
-        f"{counts.points} points",
-        f"{counts.lost_frames} lost frames ({counts.dropped_frames} dropped by the card)",
-        f"{damaged} damaged packets",
-        f"{counts.encoder_errors} encoder errors",
-    ]
-    more = {
-        "frames before the index": counts.unreferenced_frames,
-        "frames of background": counts.dark_frames,
-        "frames before the first background": counts.unsubtracted_frames,
-        "points at standstill": counts.standing,
-        "points below the least quality": counts.poor,
-        "rays parallel to the laser plane": counts.parallel,
-        "rays that meet it behind the camera": counts.behind,
-    }
-    return ", ".join(parts + [f"{number} {what}" for what, number in more.items() if number])
 
 
 def _warn_if_empty(scan: Scan) -> None:

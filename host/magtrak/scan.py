@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from .angle import AngleTracker, RowAngles, bare_angles
-from .arrays import Records
+from .arrays import Booleans, Records
 from .calibration import Calibration
 from .cloud.points import POINT
-from .errors import CalibrationError, CardError
+from .errors import CalibrationError, CardResetError
 from .frames import Frame
+from .locate import locator
 from .protocol import Phase
-from .triangulate import MIN_SINE, quality, triangulate
+from .triangulate import MIN_SINE, quality
 
 
 @dataclass
@@ -29,6 +30,7 @@ class Counts:
     points : in the cloud
     parallel, behind : rows whose ray is parallel to the laser plane, or meets it behind the camera
     poor : rows below the least quality asked for
+    restarts : times that the scan went on after the card was away
     standing : points whose angle is the middle of a count, because the encoder stood still
     encoder_errors : that the card counted since the first frame
     """
@@ -44,6 +46,7 @@ class Counts:
     behind: int = 0
     poor: int = 0
     standing: int = 0
+    restarts: int = 0
     encoder_errors: int = 0
 
 
@@ -77,11 +80,13 @@ class Scan:
         self.clock_hz = clock_hz
         self.bare = bare
         self.min_quality = min_quality
-        self.min_sine = min_sine
         self.counts = Counts()
         self.chunks: list[Records] = [np.zeros(0, POINT)]
-        self._camera = calibration.camera.build()
+        self._locator = locator(calibration, min_sine)
         self._tracker = AngleTracker(clock_hz, calibration.camera.time_offset_s)
+        self._encoder_errors_before = 0
+        # Of the first frame after a restart: what the points of the frame have.
+        self._frame_base, self._time_base_s = 0, 0.0
         self._first: Frame | None = None
         self._last: Frame | None = None
 
@@ -92,7 +97,7 @@ class Scan:
         ------
         CalibrationError
             The picture is not of the calibration's size.
-        CardError
+        CardResetError
             The card was reset since the frame before.
         """
         self._check(frame)
@@ -105,12 +110,24 @@ class Scan:
             self.counts.dropped_frames += (header["dropped"] - self._last.header["dropped"]) & 0xFFFF_FFFF
         self._last = frame
         self.counts.frames += 1
-        self.counts.encoder_errors = max(frame.encoder_errors - self._first.encoder_errors, 0)
+        errors = max(frame.encoder_errors - self._first.encoder_errors, 0)
+        self.counts.encoder_errors = self._encoder_errors_before + errors
         if self.bare:
             self._add(frame, bare_angles(frame))
             return
         for ready, angles in self._tracker.push(frame):
             self._add(ready, angles)
+
+    def restart(self, after_s: float) -> None:
+        """The card was away and may have been reset: its next frame comes ``after_s`` after the last one."""
+        self.finish()
+        self._tracker = AngleTracker(self.clock_hz, self.calibration.camera.time_offset_s)
+        self._encoder_errors_before = self.counts.encoder_errors
+        if self._first is not None and self._last is not None:
+            self._frame_base = self._number(self._last) + 1
+            self._time_base_s = self._seconds(self._last) + after_s
+            self.counts.restarts += 1
+        self._first = self._last = None
 
     def finish(self) -> None:
         """No more frames will come: use those held back."""
@@ -121,17 +138,29 @@ class Scan:
         """All points so far."""
         return np.concatenate(self.chunks)
 
+    def _number(self, frame: Frame) -> int:
+        """Number of a frame in the scan."""
+        assert self._first is not None
+        return self._frame_base + ((frame.number - self._first.number) & 0xFFFF_FFFF)
+
+    def _seconds(self, frame: Frame) -> float:
+        """Time of the frame's first row in the scan."""
+        assert self._first is not None
+        clocks: int = frame.header["first_time"] - self._first.header["first_time"]
+        return self._time_base_s + clocks / self.clock_hz
+
     def _check(self, frame: Frame) -> None:
         camera = self.calibration.camera
         header = frame.header
-        if header["columns"] != camera.width or header["first_row"] + header["rows"] > camera.height:
+        last_row = header["first_row"] + (header["rows"] - 1) * header["row_step"]
+        if header["columns"] != camera.width or last_row >= camera.height:
             raise CalibrationError(
                 f"the calibration is for pictures of {camera.width} x {camera.height}, the card sends"
-                f" {header['columns']} columns and rows up to {header['first_row'] + header['rows'] - 1}:"
+                f" {header['columns']} columns and rows up to {last_row}:"
                 " use the calibration of this camera"
             )
         if self._last is not None and header["first_time"] <= self._last.header["first_time"]:
-            raise CardError("the card was reset during the scan: check its power, then start again")
+            raise CardResetError("the card was reset during the scan: check its power, then start again")
 
     def _add(self, frame: Frame, angles: RowAngles) -> None:
         assert self._first is not None
@@ -146,26 +175,32 @@ class Scan:
         rows = frame.rows
         grade = quality(rows.peak, rows.width_px, rows.ambiguous, rows.saturated, rows.cut, rows.overflow)
         use = rows.valid & (grade >= self.min_quality)
-        self.counts.poor += int((rows.valid & ~use).sum())
-        alpha = self.calibration.laser.alpha(angles.counts[use])
-        normals, offsets = self.calibration.laser.planes(alpha)
-        directions = self._camera.ray(rows.column_px[use], rows.row[use].astype(np.float64))
-        found = triangulate(self._camera.centre, directions, normals, offsets, self.min_sine)
+        self.counts.poor += int(np.count_nonzero(rows.valid)) - int(np.count_nonzero(use))
+        some = _all_or(use)
+        column, row, counts = rows.column_px[some], rows.row[some], angles.counts[some]
+        alpha = self.calibration.laser.alpha(counts)
+        found = self._locator.locate(column, row.astype(np.float64), alpha)
         self.counts.parallel += found.parallel
         self.counts.behind += found.behind
-        good = np.flatnonzero(use)[found.valid]
+        good = _all_or(found.valid)
+        where = found.points[good]
         start = frame.header["first_time"] - self._first.header["first_time"]
-        points = np.zeros(len(good), POINT)
-        points["x"], points["y"], points["z"] = found.points[found.valid].T
-        points["intensity"] = rows.peak[good] / 255
-        points["quality"] = grade[good]
-        points["scalar_frame"] = (frame.number - self._first.number) & 0xFFFF_FFFF
-        points["scalar_row"] = rows.row[good]
-        points["scalar_column"] = rows.column_px[good]
-        points["scalar_angle"] = alpha[found.valid]
-        points["scalar_width"] = rows.width_px[good]
-        points["scalar_time"] = (start + frame.row_times()[good]) / self.clock_hz
+        points = np.zeros(len(where), POINT)
+        points["x"], points["y"], points["z"] = where.T
+        points["intensity"] = rows.peak[some][good] / 255
+        points["quality"] = grade[some][good]
+        points["scalar_frame"] = self._number(frame)
+        points["scalar_row"] = row[good]
+        points["scalar_column"] = column[good]
+        points["scalar_angle"] = alpha[good]
+        points["scalar_width"] = rows.width_px[some][good]
+        points["scalar_time"] = self._time_base_s + (start + frame.row_times()[some][good]) / self.clock_hz
         self.counts.points += len(points)
-        self.counts.standing += int(angles.standing[good].sum())
+        self.counts.standing += int(np.count_nonzero(angles.standing[some][good]))
         if len(points):
             self.chunks.append(points)
+
+
+def _all_or(mask: Booleans) -> Booleans | slice:
+    """A mask as an index; where it leaves nothing out, a slice, which copies nothing."""
+    return slice(None) if mask.all() else mask

@@ -30,27 +30,30 @@ def parse_settings(values: object, where: str = "settings") -> Settings:
     return Settings(**{name: read(top.section(name, required=False)) for name, read in _SECTIONS.items()})
 
 
+def settings_text(name: str) -> str:
+    """The TOML of ready-made settings by name, or of a file, whose name ends in ``.toml``."""
+    if name in PRESETS:
+        return resources.files(__package__).joinpath("presets", f"{name}.toml").read_text(encoding="utf-8")
+    if not name.endswith(".toml"):
+        raise SettingsError(f"settings {name!r} are not known: use {', '.join(PRESETS)} or a file NAME.toml")
+    try:
+        return Path(name).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SettingsError(f"settings {name} do not exist: check the path") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f"settings {name} cannot be read: {error}") from None
+
+
 def load_settings(name: str) -> Settings:
-    """Ready-made ones by name, or from a file, whose name ends in ``.toml``."""
+    """Ready-made ones by name, or from a file."""
     return parse_settings(load_values(name), name)
 
 
 def load_values(name: str) -> dict[str, Any]:
     """Likewise, as the file has them: unchecked, and without what it leaves out."""
-    if name in PRESETS:
-        text = resources.files(__package__).joinpath("presets", f"{name}.toml").read_text(encoding="utf-8")
-    elif not name.endswith(".toml"):
-        raise SettingsError(f"settings {name!r} are not known: use {', '.join(PRESETS)} or a file NAME.toml")
-    else:
-        try:
-            text = Path(name).read_text(encoding="utf-8")
-        except FileNotFoundError:
-            raise SettingsError(f"settings {name} do not exist: check the path") from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise SettingsError(f"settings {name} cannot be read: {error}") from None
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        return tomllib.loads(settings_text(name))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise SettingsError(f"settings {name} are no TOML: {error}") from None
 
 

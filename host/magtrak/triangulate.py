@@ -47,8 +47,11 @@ def triangulate(
     crossing = np.abs(sine) >= min_sine
     distance = (offsets - normals @ centre) / np.where(crossing, sine, 1.0)
     valid = crossing & (distance > 0)
-    points = np.where(valid[:, None], centre + distance[:, None] * directions, np.nan)
-    return Triangulated(points, valid, int((~crossing).sum()), int((crossing & ~valid).sum()))
+    points = centre + distance[:, None] * directions
+    if not valid.all():
+        points[~valid] = np.nan
+    crosses, good = int(np.count_nonzero(crossing)), int(np.count_nonzero(valid))
+    return Triangulated(points, valid, len(valid) - crosses, crosses - good)
 
 
 def quality(
@@ -65,7 +68,7 @@ def quality(
     """
     width = np.maximum(width_px, 1.0)
     result = np.minimum(1.0, peak / 64) * np.minimum(1.0, np.minimum(width / 3, 32 / width))
-    result = np.where(ambiguous, 0.2 * result, result)
-    result = np.where(saturated, 0.8 * result, result)
-    result = np.where(cut, 0.5 * result, result)
-    return np.where(overflow, 0.0, result)
+    for flag, factor in ((ambiguous, 0.2), (saturated, 0.8), (cut, 0.5), (overflow, 0.0)):
+        if flag.any():
+            result = np.where(flag, factor * result, result)
+    return result

@@ -16,7 +16,7 @@ HEADER = dict.fromkeys((f.name for f in protocol.FRAME.fields if not f.reserved)
 
 
 def payload(row_data: bytes = b"", edge_data: bytes = b"", **header: int) -> bytes:
-    return protocol.FRAME.pack({**HEADER, "form": RowForm.FULL, **header}) + edge_data + row_data
+    return protocol.FRAME.pack({**HEADER, "form": RowForm.FULL, "row_step": 1, **header}) + edge_data + row_data
 
 
 @given(st.data())
@@ -40,6 +40,14 @@ def test_full_rows() -> None:
     assert frame.rows.valid.tolist() == [True, False, True]
     assert frame.rows.peak.tolist() == [200, 0, 200]
     assert frame.row_times().tolist() == [0, 10, 20]
+
+
+def test_rows_of_an_interlaced_picture() -> None:
+    odd = {"row_step": 2, "field": protocol.FieldParity.ODD, "first_row": 1}
+    frame = decode_frame(payload(full_rows([1.0, 2.0, 3.0]), rows=3, **odd))
+    assert frame.rows.row.tolist() == [1, 3, 5]
+    with pytest.raises(DamagedFrameError, match="rows 1 apart are not those of field 2"):
+        decode_frame(payload(full_rows([1.0]), rows=1, **odd | {"row_step": 1}))
 
 
 def test_compact_rows() -> None:

@@ -14,7 +14,9 @@ import sys
 
 class Blocker:
     def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in {"amaranth", "gateware", "sim", "boards", "cv2", "scipy", "matplotlib", "PIL"}:
+        if name.split(".")[0] in {
+            "amaranth", "gateware", "sim", "boards", "cv2", "scipy", "matplotlib", "PIL", "mcap", "rosbags", "zstandard"
+        }:
             raise ModuleNotFoundError(f"blocked: {name}", name=name)
 
 sys.meta_path.insert(0, Blocker())

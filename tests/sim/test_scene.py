@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from sim.errors import SimError
+from sim.haze import Haze
 from sim.scene import FOLDER, Scene, main
 from sim.surfaces import Box, Cylinder, Plane
 from sim.timing import Timing
@@ -36,8 +37,9 @@ def test_ready_made_scenes_can_be_scanned(name: str) -> None:
     for column, motor_rad in ((0, scene.scan.start_rad), (scene.camera.width - 1, scene.scan.end_rad)):
         # Where the plane's direction and the wall's distance put the line at the scan's ends.
         alpha = scene.laser.alpha(motor_rad)
-        x = -500 + 2250 * np.tan(alpha)
-        line = scene.camera.project(np.array([[x, 0, 2250]]))[0, 0]
+        pose = np.array(scene.laser.camera_from_laser)
+        light = pose[:3, :3] @ [np.cos(alpha), np.sin(alpha), 0]
+        line = scene.camera.project([pose[:3, 3] + light * (2250 - pose[2, 3]) / light[2]])[0, 0]
         assert line < 0 if column == 0 else line > column
 
 
@@ -99,7 +101,7 @@ WRONG = [
     ("inertia_kg_m2 = 0.21", "inertia_kg_m2 = 0", r"\[motor\] inertia_kg_m2 has to be a number greater than 0, not 0"),
     ("direction = [-0.3, -0.8, -0.5]", "direction = [0, 0, 0]", r"\[ambient\] direction has to point somewhere"),
     ("frames = 24", "frames = 0", r"\[scan\] frames has to be a whole number from 1"),
-    ('"sphere"', '"ball"', r"\[object 3\] shape has to be one of plane, box, cylinder, sphere, not 'ball'"),
+    ('"sphere"', '"ball"', r"\[object 3\] shape has to be one of plane, box, cylinder, sphere, board, not 'ball'"),
     ("radius_mm = 140", "radius_mm = -1", r"\[object 3\] shape sphere can't be: the radius .* positive, not -1"),
     ("[0.70, 0.80, 0.60]", "[0.70, 1.80, 0.60]", r"\[object 3\] albedo has to be a list of 3 numbers .* up to 1"),
     ("[scan]", "[scene]", r"\[scan\] frames is missing"),
@@ -143,10 +145,63 @@ def test_every_field_is_needed_or_has_a_default(tmp_path) -> None:
 
 
 def test_no_scene(tmp_path) -> None:
-    with pytest.raises(SimError, match="no scene called moon; there are default, quick, or"):
+    with pytest.raises(SimError, match=r"no scene called moon; there are .*default, .*quick, "):
         Scene.load("moon")
     with pytest.raises(SimError, match=r"none\.toml can't be read: No such file"):
         Scene.load(tmp_path / "none.toml")
     result = CliRunner().invoke(main, ["moon", "--calibration", str(tmp_path / "c.json")])
     assert result.exit_code == 1
     assert result.output.startswith("Error: there is no scene called moon")
+
+
+WATER = """
+[water]
+index = 1.34
+attenuation_per_m = [0.5, 0.1, 0.2]
+veil = [0.1, 0.2, 0.3]
+[water.camera_port]
+distance_mm = 40
+normal = [0, 0, 2]
+[water.laser_port]
+distance_mm = 60
+normal = [1, 0, 0]
+"""
+
+
+def test_water(tmp_path) -> None:
+    path = tmp_path / "wet.toml"
+    path.write_text('like = "quick"\n' + WATER)
+    scene = Scene.load(path)
+    assert scene.water is not None
+    assert scene.water.camera.normal == (0, 0, 1)
+    assert scene.calibration()["ports"]["water_index"] == 1.34
+    assert "ports" not in Scene.load("quick").calibration()
+    # A wall straight ahead, at 1.2 m of water: what comes back of white, and what the water adds.
+    light = scene.dimmed(np.ones((1, 3)), np.array([1200.0]))
+    kept = np.exp(-1.2 * np.array([0.5, 0.1, 0.2]))
+    assert light[0] == pytest.approx(kept + np.array([0.1, 0.2, 0.3]) * (1 - kept))
+    assert scene.project(np.array([[0.0, 0, 1500]])) == pytest.approx(
+        Scene.load("quick").project(np.array([[0.0, 0, 1]]))
+    )
+    for old, new, message in (
+        ("normal = [0, 0, 2]", "normal = [0, 0, 0]", r"\[water.camera_port\] normal has to point into the water"),
+        ("index = 1.34", "index = 0.9", r"\[water\] index has to be a number of at least 1"),
+        ("distance_mm = 60", "depth = 60", r"\[water.laser_port\] distance_mm is missing"),
+    ):
+        path.write_text('like = "quick"\n' + WATER.replace(old, new))
+        with pytest.raises(SimError, match=message):
+            Scene.load(path)
+
+
+def test_glow_lies_before_the_surface_and_is_brighter_near(tmp_path) -> None:
+    path = tmp_path / "wet.toml"
+    path.write_text('like = "quick"\n' + WATER.replace("index = 1.34", "index = 1.34\nglow = 10"))
+    haze = Haze.of(Scene.load(path))
+    row = slice(60, 61)
+    near, far = float(haze.near[60, 80]), float(haze.far[60, 80])
+    assert near > far, "the light comes from the left: it crosses the sight sooner at greater angles"
+    glow = [
+        float(haze.glow(row, np.array([far + part * (near - far)]))[0, 80]) for part in (-0.01, 0.01, 0.5, 0.99, 1.01)
+    ]
+    assert glow[0] == glow[4] == 0
+    assert 0 < glow[1] < glow[2] < glow[3]

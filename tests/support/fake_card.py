@@ -4,7 +4,7 @@ import os
 import threading
 import time
 import tty
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 
 from magtrak import protocol
@@ -28,12 +28,16 @@ class FakeCard:
     drop_answers : numbers of commands, from 0 on, that get no answer
     cut_after : close in the middle of the frame of this number
     chatter : bytes to send all the time instead of answering anything
+    line : what becomes of the bytes on the line, in each direction
+    skip_sequence_at : sequence number after which one is left out
+    reset_in : reset in the middle of the frame of this number, and be a card after power-up from then on
 
     Attributes
     ----------
     port : what to open
     registers : values as written, by address
     written : names of the registers written, in order
+    frames_sent : so far
     """
 
     def __init__(
@@ -47,6 +51,9 @@ class FakeCard:
         drop_answers: Sequence[int] = (),
         cut_after: int | None = None,
         chatter: bytes = b"",
+        line: Callable[[bytes], bytes] | None = None,
+        reset_in: int | None = None,
+        skip_sequence_at: int | None = None,
     ) -> None:
         self.payloads = list(payloads)
         self.frame_s = frame_s
@@ -55,8 +62,10 @@ class FakeCard:
         self.drop_answers = drop_answers
         self.cut_after = cut_after
         self.chatter = chatter
-        self.registers = {address: r.init for address, r in _BY_ADDRESS.items()}
-        known = {
+        self.line = line or (lambda data: data)
+        self.reset_in = reset_in
+        self.skip_sequence_at = skip_sequence_at
+        self._known = {
             "magic": protocol.MAGIC,
             "version": protocol.VERSION,
             "map_hash": protocol.map_hash(),
@@ -64,11 +73,11 @@ class FakeCard:
             "max_columns": 2048,
             "max_rows": 2048,
         }
-        for name, value in (known | (identity or {})).items():
-            self.registers[protocol.register(name).address] = value
+        self._known |= identity or {}
+        self._reset()
         self.written: list[tuple[str, int]] = []
         self.commands = 0
-        self._sequence = 0
+        self.frames_sent = 0
         self._stop = threading.Event()
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -81,6 +90,11 @@ class FakeCard:
         entry = protocol.register(name)
         return entry.decode(self.registers[entry.address])
 
+    def join(self) -> None:
+        """Wait until it has closed the port by itself."""
+        self._thread.join(timeout=20)
+        assert not self._thread.is_alive()
+
     def __enter__(self) -> "FakeCard":
         self._thread.start()
         return self
@@ -92,6 +106,12 @@ class FakeCard:
         self._thread.join(timeout=5)
         assert not self._thread.is_alive()
 
+    def _reset(self) -> None:
+        self.registers = {address: r.init for address, r in _BY_ADDRESS.items()}
+        for name, value in self._known.items():
+            self.registers[protocol.register(name).address] = value
+        self._sequence = 0
+
     def _run(self) -> None:
         deframer = Deframer()
         at, due = 0, 0.0
@@ -102,7 +122,7 @@ class FakeCard:
             except BlockingIOError:
                 data = b""
                 time.sleep(0.001)
-            for packet in deframer.feed(data):
+            for packet in deframer.feed(self.line(data)):
                 if not self.chatter:
                     self._answer(packet)
             if not self.value("run") or time.monotonic() < due:
@@ -110,11 +130,17 @@ class FakeCard:
             due = time.monotonic() + self.frame_s
             if at < len(self.payloads):
                 wire = self._frame(self.payloads[at])
+                if at == self.reset_in:
+                    self._send(wire[: len(wire) // 2] + b"\0")  # as the gateware does after a reset
+                    self._reset()
+                    at += 1
+                    continue
                 if at == self.cut_after:
                     self._send(wire[: len(wire) // 2])
                     break
                 self._send(wire)
                 at += 1
+                self.frames_sent = at
             elif not self.loop_for_ever:
                 break
         self._drain()
@@ -140,7 +166,7 @@ class FakeCard:
         return self._packet(PacketType.FRAME, protocol.FRAME.pack(head) + payload[protocol.FRAME.size :])
 
     def _packet(self, kind: PacketType, payload: bytes) -> bytes:
-        self._sequence += 1
+        self._sequence += 1 + (self._sequence == self.skip_sequence_at)
         return frame_packet(Packet(kind, (self._sequence - 1) & 0xFFFF, payload))
 
     def _answer(self, packet: Packet) -> None:
@@ -168,6 +194,7 @@ class FakeCard:
         self._send(self._packet(PacketType.ANSWER, protocol.ANSWER.pack(answer)))
 
     def _send(self, data: bytes) -> None:
+        data = self.line(data)
         while data and not self._stop.is_set():
             try:
                 data = data[os.write(self._master, data) :]

@@ -6,6 +6,16 @@ import click
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "learn-gate": ("learn_gate", "Learn the laser's colours from a picture or two."),
+    "doctor": ("doctor", "Find out why a card cannot be reached, and what to do."),
+    "get": ("get", "Show registers of a card."),
+    "info": ("info", "Show who a card is and what it is doing."),
+    "list": ("list", "List the cards on this computer."),
+    "replay": ("replay", "Make the cloud of a recording anew."),
+    "set": ("set", "Set registers or settings of a card that runs."),
+    "snapshot": ("snapshot", "Fetch a picture of what a card sees."),
+    "watch": ("watch", "Show rates, losses, angle, laser and motor, live."),
+    "calibrate": ("calibrate", "Calibrate camera and laser, show and check a calibration."),
+    "validate": ("validate", "Measure how good the scanner is."),
 }
 """Name of each command: its module beside this one, and one line for the list."""
 

@@ -9,7 +9,7 @@ PATH = click.Path(path_type=Path)
 
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="magtrak")
-@click.option("--port", required=True, help="Serial port of the card, or the virtual card's link.")
+@click.option("--port", required=True, help="Serial port or serial number of the card, or the virtual card's link.")
 @click.option("--calibration", required=True, type=PATH, metavar="FILE.json", help="Calibration of camera and laser.")
 @click.option("--output", required=True, type=PATH, metavar="FILE.ply", help="Where the cloud goes.")
 @click.option("--frames", type=click.IntRange(min=1), metavar="N", help="End after N frames.")
@@ -37,6 +37,15 @@ PATH = click.Path(path_type=Path)
     show_default=True,
     help="The laser's angle: for each row, from the encoder's edges; or one bare count for each image.",
 )
+@click.option("--record", type=PATH, metavar="FILE.mcap", help="Also record everything the card sends.")
+@click.option(
+    "--reconnect",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    show_default=True,
+    metavar="S",
+    help="Wait S seconds for a card that goes away, then arm the laser and go on.",
+)
 @click.option("--baud", type=click.IntRange(min=1), default=3_000_000, show_default=True, help="Of a UART.")
 def main(
     port: str,
@@ -48,6 +57,8 @@ def main(
     picture: Path | None,
     min_quality: float,
     angle: str,
+    record: Path | None,
+    reconnect: float,
     baud: int,
 ) -> None:
     """Receive a scan and write the cloud.
@@ -70,6 +81,8 @@ def main(
             limits=Limits(frames, seconds),
             min_quality=min_quality,
             bare=angle == "bare",
+            record=record,
+            reconnect_s=reconnect,
         )
     except MagtrakError as error:
         fail(str(error))

@@ -39,6 +39,7 @@ PATH = click.Path(path_type=Path)
 @click.option(
     "--speckle", type=float, metavar="CONTRAST", help="Speckle contrast, with --scene.  [default: the scene's]"
 )
+@click.option("--serial", default="0", metavar="HEX", help="Serial number of the card.  [default: none]")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of noise and speckle, with --scene.")
 def main(**options: object) -> None:
     """The card without hardware: its gateware, compiled, with a world around it, on a pseudo-terminal.

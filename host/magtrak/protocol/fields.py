@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Layout:
         if len(set(names)) != len(names):
             raise ValueError(f"layout {self.name!r} names a field twice: {names}")
 
-    @property
+    @cached_property
     def bits(self) -> int:
         return sum(field.bits for field in self.fields)
 
@@ -88,11 +89,16 @@ class Layout:
             raise ValueError(f"{self.name} takes {self.size} bytes, got {len(data)}")
         word = int.from_bytes(data, "little")
         values = {}
-        for offset, field in self:
-            if field.reserved:
-                continue
-            value = word >> offset & ((1 << field.bits) - 1)
-            if field.signed and value >> (field.bits - 1):
-                value -= 1 << field.bits
-            values[field.name] = value
+        for name, offset, mask, sign in self._parts:
+            value = word >> offset & mask
+            values[name] = value - 2 * sign if value & sign else value
         return values
+
+    @cached_property
+    def _parts(self) -> tuple[tuple[str, int, int, int], ...]:
+        """Name, offset, mask and sign bit (0 where unsigned) of each field that is not reserved."""
+        return tuple(
+            (field.name, offset, (1 << field.bits) - 1, 1 << field.bits - 1 if field.signed else 0)
+            for offset, field in self
+            if not field.reserved
+        )

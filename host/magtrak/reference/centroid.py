@@ -61,6 +61,6 @@ def window(
 
 
 def of_runs(runs: Runs) -> Ints:
-    """Centroid of the weights of each run, in 1/256 px, rounded half down: what is subtracted is rounded down already."""
+    """Centroid of the weights of each run, in 1/256 px; what is subtracted is rounded down, so halves are, too."""
     fine: Ints = FRACTION * runs.last - FRACTION * runs.moment // np.maximum(runs.sum, 1)
     return fine >> 1
