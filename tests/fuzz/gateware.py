@@ -15,7 +15,7 @@ import numpy as np
 
 from magtrak import protocol
 from magtrak.frames import decode_frame
-from magtrak.protocol import REGISTERS, Access, AnswerCode, Packet, PacketType, Register, Scope, frame_packet
+from magtrak.protocol import REGISTERS, Access, AnswerCode, Packet, PacketType, Phase, Register, Scope, frame_packet
 from magtrak.protocol.cobs import unframe_packet
 from tests.support.card_link import CLOCK_HZ, CardLink
 
@@ -200,7 +200,8 @@ class Session:
         for payload in card.frames:
             frame = decode_frame(payload)
             assert frame.header["generation"] == generation
-            assert frame.header["rows"] == len(IMAGE)
+            dark = frame.header["phase"] in (Phase.BACKGROUND, Phase.SKIPPED)
+            assert frame.header["rows"] == (0 if dark else len(IMAGE))
 
     def close(self) -> None:
         self.card.close()
