@@ -21,7 +21,6 @@ from math import isnan
 import numpy as np
 from numpy.typing import NDArray
 
-from magtrak.gate import hue_table, range_table
 from magtrak.protocol import Detector, Window
 from magtrak.reference import luts_from_words
 from magtrak.settings_file import load_settings
@@ -93,9 +92,7 @@ def settings(condition: Condition, detector: str) -> dict[str, int]:
 
 
 def red_gate() -> NDArray[np.bool_]:
-    gate = load_settings("red").gate
-    words = (hue_table(*gate.hue), range_table(*gate.luminance), range_table(*gate.saturation))
-    return luts_from_words(words)
+    return luts_from_words([words for _, words in load_settings("red").tables()])
 
 
 def measure_all() -> Iterator[Row]:
