@@ -24,6 +24,7 @@ test: setup ## all checks and tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python -c 'from sim.core import library; library()' # compiled now, for tests have time limits
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
 fuzz: setup ## fuzz for some ten minutes: a million damaged packets, a minute for each reader of files and bytes
