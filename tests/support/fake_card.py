@@ -154,7 +154,7 @@ class FakeCard:
         import termios
 
         quiet, deadline = 0, time.monotonic() + 3
-        while quiet < 5 and time.monotonic() < deadline and not self._stop.is_set():
+        while quiet < 15 and time.monotonic() < deadline and not self._stop.is_set():
             waiting = array.array("i", [0])
             fcntl.ioctl(self._slave, termios.FIONREAD, waiting)
             quiet = quiet + 1 if waiting[0] == 0 else 0
