@@ -9,11 +9,9 @@ from magtrak.protocol import AmbientMode
 from magtrak.reference.ambient import MAX_SHIFT, MIN_CELLS
 
 from ..arithmetic import delayed
+from ..features import DEFAULT_CELLS
 from ..layouts import FrameSettings
 from .weight import Weight
-
-DEFAULT_CELLS = 160 * 120
-"""Ten block RAMs of an ECP5; VGA in blocks of 4 x 4."""
 
 BANK_CELLS = 2048
 """A block RAM of an ECP5. Each has a register of its own before one of them is picked: a bare read is slow."""
