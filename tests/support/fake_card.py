@@ -127,7 +127,7 @@ class FakeCard:
                     self._answer(packet)
             if not self.value("run") or time.monotonic() < due:
                 continue
-            due = time.monotonic() + self.frame_s
+            due = (due or time.monotonic()) + self.frame_s  # one that is late does not delay the next
             if at < len(self.payloads):
                 wire = self._frame(self.payloads[at])
                 if at == self.reset_in:
