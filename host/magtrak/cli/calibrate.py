@@ -174,6 +174,37 @@ def laser(
 
 @main.command(context_settings=HELP)
 @click.argument("source", type=PATH, metavar="SESSION")
+@click.option("--calibration", required=True, type=PATH, metavar="FILE.json", help="Camera and laser, made in air.")
+@click.option(
+    "--measured", type=PATH, metavar="FILE.json", help="Ports as measured by rule; without it, those of --calibration."
+)
+@click.option("--output", required=True, type=PATH, metavar="FILE.json")
+def ports(source: Path, calibration: Path, measured: Path | None, output: Path) -> None:
+    """Find the panes before camera and laser from a SESSION under water; camera and laser stay as in air."""
+    with _sentences():
+        from ..calibrate import report, underwater
+        from ..calibration import Calibration
+        from ..errors import CalibrationError
+
+        known = Calibration.load(calibration)
+        nominal = known.ports if measured is None else underwater.read_nominal(measured)
+        if nominal is None:
+            raise CalibrationError(
+                f'{calibration} has no ports: measure panes and laser with a rule, and give --measured with "ports" as'
+                " docs/validation.md shows"
+            )
+        result = underwater.calibrate_under_water(_session(source), known, nominal)
+        result.calibration.save(output)
+        print(report.describe(result.calibration))
+        fit = result.found
+        print(f"left      corners {fit.corner_rms_px:.3f} px, rows {fit.line_rms_px:.3f} px under water")
+        for item in result.findings:
+            print(f"warning: {item}")
+        print(f"written to {output}")
+
+
+@main.command(context_settings=HELP)
+@click.argument("source", type=PATH, metavar="SESSION")
 @click.option("--port", required=True, help="Serial port of the card, or the virtual card's link.")
 @click.option("--settings", default="green", show_default=True, metavar="NAME|FILE.toml", help="As for magtrak-recv.")
 @click.option("--view", metavar="PICTURE", help="The lines belong to this view; without it, session.json says so.")
