@@ -31,6 +31,13 @@ BINARY = '[peak]\ndetector = "binary"\n'
 """The paper's way: the mean of the gated pixels. To be replayed with ``--angle bare``."""
 
 
+HOST = (
+    "settings.py", "settings_file.py", "gate.py", "motor.py", "card.py", "link.py", "recording.py", "frames.py",
+    "angle.py", "edges.py", "calibrate/capture.py",
+)  # fmt: skip
+"""Of the host, what decides on recordings and lines."""
+
+
 @dataclass(frozen=True)
 class Pictures:
     """How a session is taken.
@@ -156,6 +163,6 @@ def _scene_texts(scene: str) -> list[bytes]:
 
 
 def _chain() -> list[str | bytes]:
-    """All between pixels and a recording: the card, and what receives."""
-    lines = (ROOT / "host/magtrak/calibrate/capture.py").read_bytes()
-    return [card_verilog(), _text("host/magtrak"), _text("host/magtrak/protocol"), lines]
+    """All between pixels and a recording, or lines: the card, what it is told, and what its bytes are taken for."""
+    host = ROOT / "host" / "magtrak"
+    return [card_verilog(), _text("host/magtrak/protocol"), *((host / name).read_bytes() for name in HOST)]

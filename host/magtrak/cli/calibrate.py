@@ -251,16 +251,18 @@ def check(source: Path, calibration: Path, name: str, **changes: object) -> None
     Exit status 1 where it is not.
     """
     with _sentences():
-        from ..calibrate import session
-        from ..calibrate.drift import drift
+        from ..calibrate import drift, session
         from ..calibration import Calibration
 
         if (source / "session.json").exists():
             taken = session.load(source)
         else:
             taken = session.of_pictures(source, _board(name, changes))
-        found = drift(taken, Calibration.load(calibration))
+        found = drift.drift(taken, Calibration.load(calibration))
         print(f"corners lie {found.corner_px:.3f} px from where the calibration has them")
+        print(f"focal length differs by {100 * found.focal:+.2f} +- {100 * found.focal_sigma:.2f} %")
+        if found.focal_sigma > drift.FOCAL:
+            print("so little tells a changed focal length or scale badly: tilt the board more, or give more pictures")
         if found.line_px == found.line_px:
             print(f"laser lines lie {found.line_px:+.3f} px from where the calibration has them")
         else:
