@@ -2,12 +2,12 @@
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import FRAME, FRAME_FLAGS, MAX_EDGES, Layout, Phase
 
 from ..layouts import Edge, Field
+from ..memory import BlockRam
 from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, WORDS, ImageFacts, MotionFacts, RowFacts
 
 
@@ -62,9 +62,9 @@ class HeaderStore(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.memory = memory = Memory(shape=32, depth=2 * WORDS, init=[])
-        write = memory.write_port()
-        read = memory.read_port()
+        # As with the rows, a bank is read while it is written only before it is complete.
+        m.submodules.memory = memory = BlockRam(32, 2 * WORDS)
+        write, read = memory.write, memory.read
         m.d.comb += [read.addr.eq(Cat(self.index, self.bank)), read.en.eq(1)]
         m.d.sync += self.word.eq(read.data)
 
