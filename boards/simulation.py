@@ -11,6 +11,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from gateware.core import Core
+from gateware.features import EVERYTHING, Features
 from gateware.verilog import verilog
 
 _WIRES = {
@@ -40,7 +41,7 @@ class SimulationTop(wiring.Component):
 
     Parameters
     ----------
-    max_columns, max_rows : as in :class:`~gateware.core.Core`
+    features : what it is built with
 
     Members
     -------
@@ -55,8 +56,8 @@ class SimulationTop(wiring.Component):
         as in :class:`~gateware.core.Core`
     """
 
-    def __init__(self, max_columns: int = 2048, max_rows: int = 2048) -> None:
-        self.core = Core(max_columns, max_rows)
+    def __init__(self, features: Features = EVERYTHING) -> None:
+        self.core = Core(features)
         super().__init__(
             {
                 "clk": In(1),
@@ -105,4 +106,4 @@ class SimulationTop(wiring.Component):
 
 
 if __name__ == "__main__":
-    print(verilog(SimulationTop(*map(int, sys.argv[1:]))), end="")
+    print(verilog(SimulationTop(Features(*map(int, sys.argv[1:])))), end="")

@@ -20,6 +20,7 @@ from amaranth_boards.ulx3s import ULX3S_85F_Platform
 
 from gateware.camera.pattern import Pattern
 from gateware.card import Card, uart, usb
+from gateware.features import Features
 
 SERIAL = 1
 """Serial number of the card; give each board one of its own."""
@@ -91,7 +92,7 @@ LINKS = {"uart": uart(1_000_000), "usb": _usb}
 
 def card(link: str = "uart") -> Card:
     """What the board runs."""
-    return Card(Pattern(640, 480), LINKS[link], serial=SERIAL, max_rows=1024)
+    return Card(Pattern(640, 480), LINKS[link], serial=SERIAL, features=Features(max_rows=1024))
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from amaranth.lib import wiring
 
 from gateware.camera.monitor import Monitor
 from gateware.core import Core
+from gateware.features import Features
 from gateware.frame.assembler import FrameAssembler
 from gateware.frame.buffer import FrameBuffer
 from gateware.link.link import Link
@@ -37,13 +38,13 @@ BLOCKS: tuple[tuple[str, Callable[[], wiring.Component]], ...] = (
     *((block.__name__, block) for block in (Monitor, HLS, Gate, Weight, Background, Pixels, Isolate)),
     *((block.__name__, block) for block in (Lookahead, Fir, Runs, Choose, Spread, Window)),
     ("Peak", lambda: Peak(2048, Window().latency)),
-    ("Vision", Vision),
+    ("Vision", lambda: Vision(Features(max_rows=MAX_ROWS))),
     ("Motion", Motion),
     ("FrameBuffer", lambda: FrameBuffer(MAX_ROWS)),
     ("FrameAssembler", lambda: FrameAssembler(MAX_ROWS)),
     ("RegisterFile", lambda: RegisterFile(2048, MAX_ROWS)),
     ("Link", Link),
-    ("Core", lambda: Core(2048, MAX_ROWS)),
+    ("Core", lambda: Core(Features(max_rows=MAX_ROWS))),
 )
 
 HEAD = f"""# What the gateware takes

@@ -8,6 +8,7 @@ from amaranth.lib import io
 from amaranth.lib.wiring import connect
 
 from .core import Core
+from .features import EVERYTHING, Features
 from .link.uart import Uart
 from .link.usb import FULL_SPEED_BYTES, HIGH_SPEED_BYTES, UsbSerial, direct_pins, ulpi
 
@@ -78,16 +79,14 @@ class Card(Elaboratable):
     source : where the images come from
     link : :func:`uart` or :func:`usb`
     serial : serial number of the card, 64 bits; 0: it has none
-    max_columns, max_rows : as in :class:`~gateware.core.Core`
+    features : what it is built with
     """
 
-    def __init__(
-        self, source: Source, link: Link, *, serial: int = 0, max_columns: int = 2048, max_rows: int = 2048
-    ) -> None:
+    def __init__(self, source: Source, link: Link, *, serial: int = 0, features: Features = EVERYTHING) -> None:
         self.source = source
         self.link = link
         self.serial = serial
-        self.core = Core(max_columns, max_rows)
+        self.core = Core(features)
 
     def elaborate(self, platform):
         m = Module()

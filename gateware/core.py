@@ -4,6 +4,7 @@ from amaranth.hdl import Module
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from .features import EVERYTHING, Features
 from .frame.admission import Admission
 from .frame.alternation import Alternation
 from .frame.assembler import FrameAssembler
@@ -14,7 +15,6 @@ from .layouts import Bytes, Video
 from .link.link import Link
 from .motion.motion import Motion
 from .registers import RegisterFile
-from .vision.background import DEFAULT_CELLS
 from .vision.vision import Vision
 
 
@@ -23,9 +23,7 @@ class Core(wiring.Component):
 
     Parameters
     ----------
-    max_columns : columns that an image may have, 32 to 2048
-    max_rows : rows of an image that are stored, a power of two from 2 to 2048
-    background_cells : see :class:`~gateware.vision.background.Background`
+    features : what the card is built with
 
     Members
     -------
@@ -41,14 +39,8 @@ class Core(wiring.Component):
     run : the host wants images; a source that can be held waits for it
     """
 
-    def __init__(self, max_columns: int = 2048, max_rows: int = 2048, background_cells: int = DEFAULT_CELLS) -> None:
-        if not 32 <= max_columns <= 2048:
-            raise ValueError(f"max_columns is {max_columns}; 32 to 2048 are possible")
-        if max_rows not in [1 << n for n in range(1, 12)]:
-            raise ValueError(f"max_rows is {max_rows}; powers of two from 2 to 2048 are possible")
-        self.max_columns = max_columns
-        self.max_rows = max_rows
-        self.background_cells = background_cells
+    def __init__(self, features: Features = EVERYTHING) -> None:
+        self.features = features
         super().__init__(
             {
                 "video": In(Video()),
@@ -73,14 +65,15 @@ class Core(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        features = self.features
         m.submodules.admission = admission = Admission()
-        m.submodules.vision = vision = Vision(self.max_columns, self.max_rows, self.background_cells)
+        m.submodules.vision = vision = Vision(features)
         m.submodules.alternation = alternation = Alternation()
         m.submodules.motion = motion = Motion()
-        m.submodules.buffer = buffer = FrameBuffer(self.max_rows)
-        m.submodules.assembler = assembler = FrameAssembler(self.max_rows)
+        m.submodules.buffer = buffer = FrameBuffer(features.max_rows)
+        m.submodules.assembler = assembler = FrameAssembler(features.max_rows)
         m.submodules.snapshot = snapshot = Snapshot()
-        m.submodules.registers = registers = RegisterFile(self.max_columns, self.max_rows)
+        m.submodules.registers = registers = RegisterFile(features.max_columns, features.max_rows)
         m.submodules.link = link = Link()
 
         # Pixels to packets.
@@ -177,7 +170,7 @@ class Core(wiring.Component):
             status.dropped.eq(buffer.dropped),
             status.damaged_commands.eq(link.damaged),
             status.camera_errors.eq(vision.errors_ever),
-            status.background_cells.eq(self.background_cells),
+            status.background_cells.eq(features.background_cells),
         ]
         for name in (
             *("count", "index_count", "index_passes", "pass_count", "index_difference", "encoder_errors", "speed"),

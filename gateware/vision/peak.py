@@ -28,7 +28,7 @@ class Peak(wiring.Component):
     Parameters
     ----------
     max_columns : columns of an image, 2 to 2048
-    window_latency : clocks from ``taken`` to ``window_position``
+    window_latency : clocks from ``taken`` to ``window_position``; 0: there is no window, all is of the run
 
     Members
     -------
@@ -114,7 +114,7 @@ class Peak(wiring.Component):
             binary.eq(detector == Detector.BINARY),
             centroid.eq(detector == Detector.CENTROID),
             maximum.eq(detector == Detector.MAXIMUM),
-            of_run.eq(self.settings.centroid_window == Span.RUN),
+            of_run.eq((self.settings.centroid_window == Span.RUN) if self.window_latency else 1),
         ]
         by_run, by_window = centroid & of_run, centroid & ~of_run
 

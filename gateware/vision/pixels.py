@@ -6,8 +6,9 @@ from amaranth.lib.wiring import In, Out
 
 from ..arithmetic import delayed
 from ..camera.monitor import CheckedPixel
+from ..features import DEFAULT_CELLS
 from ..layouts import FrameSettings, LutWrite
-from .background import DEFAULT_CELLS, Background
+from .background import Background
 from .gate import Gate
 from .hls import HLS
 from .weight import Weight
@@ -76,7 +77,7 @@ class Pixels(wiring.Component):
 
     Parameters
     ----------
-    background_cells : see :class:`~gateware.vision.background.Background`
+    background_cells : see :class:`~gateware.vision.background.Background`; 0: there is none, nothing is subtracted
 
     Members
     -------
@@ -90,7 +91,7 @@ class Pixels(wiring.Component):
     """
 
     def __init__(self, background_cells: int = DEFAULT_CELLS) -> None:
-        self._background = Background(background_cells)
+        self.background_cells = background_cells
         super().__init__(
             {
                 "settings": In(FrameSettings),
@@ -115,7 +116,6 @@ class Pixels(wiring.Component):
         m.submodules.gate = gate = Gate()
         m.submodules.weight = weight = Weight()
         m.submodules.region = region = Region()
-        m.submodules.background = background = self._background
         wiring.connect(m, gate.lut, wiring.flipped(self.lut))
         i, o = self.i.p, self.o.p
         m.d.comb += [
@@ -131,20 +131,24 @@ class Pixels(wiring.Component):
             region.valid.eq(self.i.valid),
             region.row_first.eq(i.row_first),
             region.frame_first.eq(i.frame_first),
-            background.settings.eq(self.settings),
-            background.settings_change.eq(self.lut.swap),
-            background.valid.eq(self.i.valid),
-            background.row_first.eq(i.row_first),
-            background.frame_first.eq(i.frame_first),
-            background.column.eq(region.column),
-            background.row.eq(region.row),
-            background.mix.eq(weight.raw),
-            background.take.eq(self.background),
-            weight.background.eq(background.value),
-            self.subtracted.eq(background.subtracting),
         ]
-        for name in ("image_end", "faulty", "image_rows", "image_columns"):
-            m.d.comb += getattr(background, name).eq(getattr(self, name))
+        if self.background_cells:
+            m.submodules.background = background = Background(self.background_cells)
+            m.d.comb += [
+                background.settings.eq(self.settings),
+                background.settings_change.eq(self.lut.swap),
+                background.valid.eq(self.i.valid),
+                background.row_first.eq(i.row_first),
+                background.frame_first.eq(i.frame_first),
+                background.column.eq(region.column),
+                background.row.eq(region.row),
+                background.mix.eq(weight.raw),
+                background.take.eq(self.background),
+                weight.background.eq(background.value),
+                self.subtracted.eq(background.subtracting),
+            ]
+            for name in ("image_end", "faulty", "image_rows", "image_columns"):
+                m.d.comb += getattr(background, name).eq(getattr(self, name))
         clocks = self.latency - 1
         inside = delayed(m, region.inside, clocks - region.latency, "inside")
         brightness = [

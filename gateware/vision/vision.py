@@ -7,8 +7,8 @@ from amaranth.lib.wiring import In, Out
 from magtrak.reference import measure
 
 from ..camera.monitor import CheckedPixel, Monitor
+from ..features import EVERYTHING, Features
 from ..layouts import CameraErrors, FrameSettings, LutWrite, Rows, Video
-from .background import DEFAULT_CELLS
 from .choose import Choose
 from .fir import Fir
 from .isolate import Isolate
@@ -34,9 +34,9 @@ class Vision(wiring.Component):
 
     Parameters
     ----------
-    max_columns : columns that an image may have, 16 to 2048
-    max_rows : rows that an image may have, 1 to 2048
-    background_cells : see :class:`~gateware.vision.background.Background`
+    features : what is built. Without ``isolate``, ``window`` or ``background_cells`` the settings ``isolate``,
+        ``centroid_window`` and ``ambient_mode`` are taken for 0: all gated pixels stay, a centroid is that of the run,
+        nothing is subtracted.
 
     Members
     -------
@@ -50,19 +50,12 @@ class Vision(wiring.Component):
     errors_ever : errors of all frames since reset, as they occur
     raw, measured : what snapshots show: pixels of well-formed images before and after the point-wise stages
 
-    Raises
-    ------
-    ValueError
-        A limit is out of range.
     """
 
-    def __init__(self, max_columns: int = 2048, max_rows: int = 2048, background_cells: int = DEFAULT_CELLS) -> None:
-        self._pixels = Pixels(background_cells)
-        self._monitor = Monitor(max_columns, max_rows)
-        self._window = Window(max(max_columns, 16))
-        self._peak = Peak(max_columns, self._window.latency)
-        self.max_columns = max_columns
-        self.max_rows = max_rows
+    def __init__(self, features: Features = EVERYTHING) -> None:
+        self.features = features
+        self._window = Window(features.max_columns)
+        self._peak = Peak(features.max_columns, self._window.latency if features.window else 0)
         super().__init__(
             {
                 "video": In(Video()),
@@ -85,23 +78,30 @@ class Vision(wiring.Component):
     @property
     def latency(self) -> int:
         """Clocks from the last pixel of a row to its record; the contract of the camera kept."""
-        stages = Runs.latency + Choose.latency
-        return Monitor.latency + Pixels.latency + Isolate.latency + Lookahead.latency + stages + self._peak.latency
+        return Monitor.latency + Pixels.latency + self._isolate_latency + self._measuring_latency
+
+    @property
+    def _isolate_latency(self) -> int:
+        return Isolate.latency if self.features.isolate else 0
+
+    @property
+    def _measuring_latency(self) -> int:
+        """Clocks from the last pixel of a row, as it comes to be measured, to its record."""
+        return Lookahead.latency + Runs.latency + Choose.latency + self._peak.latency
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.monitor = monitor = self._monitor
-        m.submodules.pixels = pixels = self._pixels
-        m.submodules.isolate = isolate = Isolate(max(self.max_columns, 2))
+        features = self.features
+        m.submodules.monitor = monitor = Monitor(features.max_columns, features.max_rows)
+        m.submodules.pixels = pixels = Pixels(features.background_cells)
         m.submodules.lookahead = lookahead = Lookahead()
         m.submodules.fir = fir = Fir()
         m.submodules.runs = runs = Runs()
         m.submodules.choose = choose = Choose()
         m.submodules.spread = spread = Spread()
-        m.submodules.window = window = self._window
         m.submodules.peak = peak = self._peak
 
-        for block in (pixels, isolate, lookahead, runs, choose, window, peak):
+        for block in (pixels, lookahead, runs, choose, peak):
             m.d.comb += block.settings.eq(self.settings)
         wiring.connect(m, monitor.video, wiring.flipped(self.video))
         wiring.connect(m, pixels.lut, wiring.flipped(self.lut))
@@ -114,8 +114,15 @@ class Vision(wiring.Component):
             pixels.background.eq(self.background),
             self.subtracted.eq(pixels.subtracted),
         ]
-        wiring.connect(m, pixels.o, isolate.i)
-        wiring.connect(m, isolate.o, lookahead.i)
+        frame_end_in = _strobe_delayed(m, monitor.frame_end, Pixels.latency, "frame_end_in")
+        pixel, holding, frame_end = pixels.o, Signal(), frame_end_in
+        if features.isolate:
+            m.submodules.isolate = isolate = Isolate(features.max_columns)
+            wiring.connect(m, pixels.o, isolate.i)
+            m.d.comb += [isolate.settings.eq(self.settings), isolate.i_frame_end.eq(frame_end_in)]
+            m.d.comb += holding.eq(isolate.holding)
+            pixel, frame_end = isolate.o, isolate.o_frame_end
+        wiring.connect(m, pixel, lookahead.i)
         wiring.connect(m, lookahead.o, spread.column)
         m.d.comb += [
             runs.column.p.eq(lookahead.o.p),
@@ -132,15 +139,6 @@ class Vision(wiring.Component):
             choose.image_first.eq(lookahead.o.valid & column.row_first & (column.row == 0)),
             choose.clear.eq(peak.taken),
             runs.place.eq(choose.place),
-            window.pixel.p.eq(isolate.o.p),
-            window.pixel.valid.eq(isolate.o.valid),
-            window.compare.eq(runs.valid),
-            window.centre.eq(runs.o.centre),
-            window.peak.eq(runs.o.peak),
-            window.take.eq(choose.take),
-            window.start.eq(peak.taken),
-            window.row.eq(spread.o.p.row),
-            window.last_column.eq(spread.o.p.last_column),
             peak.end.eq(_strobe_delayed(m, spread.o.valid, Runs.latency + Choose.latency - Spread.latency, "row_end")),
             peak.found.eq(choose.found),
             peak.other_found.eq(choose.other_found),
@@ -148,26 +146,38 @@ class Vision(wiring.Component):
         ]
         wiring.connect(m, choose.chosen, peak.chosen)
         wiring.connect(m, choose.other, peak.other)
-        for name in ("position", "some", "whole"):
-            m.d.comb += getattr(peak, f"window_{name}").eq(getattr(window, name))
+        if features.window:
+            m.submodules.window = window = self._window
+            m.d.comb += [
+                window.settings.eq(self.settings),
+                window.pixel.p.eq(pixel.p),
+                window.pixel.valid.eq(pixel.valid),
+                window.compare.eq(runs.valid),
+                window.centre.eq(runs.o.centre),
+                window.peak.eq(runs.o.peak),
+                window.take.eq(choose.take),
+                window.start.eq(peak.taken),
+                window.row.eq(spread.o.p.row),
+                window.last_column.eq(spread.o.p.last_column),
+            ]
+            for name in ("position", "some", "whole"):
+                m.d.comb += getattr(peak, f"window_{name}").eq(getattr(window, name))
 
         # Settings that change while a row is being measured make its record worthless: with the first pixel of an
         # image, while a row of the one before is held or has gone out so lately that its record is not written.
-        after_isolate = self.latency - Monitor.latency - Pixels.latency - Isolate.latency
-        measuring = _within(m, after_isolate, isolate.o.valid & isolate.o.p.row_last, "measuring")
+        measuring = _within(m, self._measuring_latency, pixel.valid & pixel.p.row_last, "measuring")
         begins, disturbed = Signal(), Signal()
         m.d.comb += begins.eq(monitor.pixel.valid & monitor.pixel.p.frame_first)
-        with m.If(monitor.frame_gap | (begins & (isolate.holding | measuring))):
+        with m.If(monitor.frame_gap | (begins & (holding | measuring))):
             m.d.sync += disturbed.eq(1)
-        with m.Elif(peak.o.valid & ~isolate.holding & ~measuring):
+        with m.Elif(peak.o.valid & ~holding & ~measuring):
             m.d.sync += disturbed.eq(0)
         m.d.comb += [
             self.rows.row.valid.eq(peak.o.valid),
             self.rows.row.p.eq(peak.o.p),
             self.rows.row.p.record.overflow.eq(peak.o.p.record.overflow | disturbed),
-            isolate.i_frame_end.eq(_strobe_delayed(m, monitor.frame_end, Pixels.latency, "frame_end_in")),
             self.rows.frame_end.eq(
-                _strobe_delayed(m, isolate.o_frame_end, after_isolate + FRAME_END_DELAY, "frame_end_out")
+                _strobe_delayed(m, frame_end, self._measuring_latency + FRAME_END_DELAY, "frame_end_out")
             ),
             self.errors.eq(monitor.errors),
             self.image_rows.eq(monitor.rows),

@@ -7,6 +7,7 @@ import pytest
 
 from boards.simulation import SimulationTop
 from gateware.core import Core
+from gateware.features import Features
 from gateware.verilog import verilog
 from magtrak import protocol
 from magtrak.protocol import (
@@ -103,7 +104,7 @@ class Rig:
 
 def run(test, clocks=30_000):
     """Run ``test(rig)`` on a core after reset, whose host always reads."""
-    dut = Core(64, 16)
+    dut = Core(Features(64, 16))
     rigs = []
 
     async def testbench(ctx):
@@ -268,11 +269,13 @@ def test_the_laser_needs_commands_that_arrive_intact():
 @pytest.mark.parametrize(("columns", "rows"), [(31, 16), (2049, 16), (64, 12), (64, 4096), (64, 1)])
 def test_sizes_that_are_not_possible_are_refused(columns, rows):
     with pytest.raises(ValueError, match=f"is {columns if columns != 64 else rows};"):
-        Core(columns, rows)
+        Features(columns, rows)
 
 
 def test_the_simulation_has_flat_ports():
-    ports = verilog(SimulationTop(32, 2)).split("module top(")[1].split(")")[0].replace("\n", "").replace(" ", "")
+    ports = (
+        verilog(SimulationTop(Features(32, 2))).split("module top(")[1].split(")")[0].replace("\n", "").replace(" ", "")
+    )
     video = ("valid", "r", "g", "b", "row_first", "row_last", "frame_first", "frame_end", "field")
     wires = ("encoder_a", "encoder_b", "index", "interlock", "pwm", "direction", "brake", "laser", "lamp", "run")
     pins = [*wires, "clock_hz", "serial", "link_baud", "line_errors", "clk"]

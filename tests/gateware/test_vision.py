@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from gateware.features import Features
 from gateware.vision.vision import Vision
-from magtrak.protocol import CAMERA_ERRORS, Choice, Detector, Window
+from magtrak.protocol import CAMERA_ERRORS, AmbientMode, Choice, Detector, Window
 from magtrak.reference import ROW_DTYPE
 from tests.support.simulation import simulate
 from tests.support.vision import (
@@ -18,11 +19,12 @@ from tests.support.vision import (
 )
 
 SEED = 20240611
+SMALL = Features(64, 64)
 
 
-def run(frames, *, gap: float = 0.0, seed: int = SEED, columns: int = 64):
+def run(frames, *, gap: float = 0.0, seed: int = SEED, features: Features = SMALL):
     """Records (frames of rows), and (errors, rows, columns) per frame, of (image, settings, luts) each."""
-    dut = Vision(max_columns=columns, max_rows=64)
+    dut = Vision(features)
     records, reports = [[]], []
 
     async def collect(ctx):
@@ -74,6 +76,24 @@ def test_random(gap):
         rows, columns = int(rng.integers(1, 8)), int(rng.integers(32, 65))
         frames.append((random_image(rng, rows, columns), random_settings(rng, columns, rows), random_luts(rng)))
     check(frames, gap=gap)
+
+
+@pytest.mark.parametrize("kept", [None, "isolate", "window"])
+def test_built_without(kept):
+    """What is not built is not done, whatever the settings say; the rest is as ever."""
+    print("seed", SEED)
+    rng = np.random.default_rng(SEED)
+    options = {name: name == kept for name in ("isolate", "window")}
+    frames, expected = [], []
+    for _ in range(15):
+        rows, columns = int(rng.integers(1, 6)), int(rng.integers(32, 65))
+        settings = random_settings(rng, columns, rows) | {"ambient_mode": AmbientMode.ALTERNATE}
+        done = settings if kept == "isolate" else settings | {"isolate": 0}
+        done |= {} if kept == "window" else {"centroid_window": Window.RUN}
+        frames.append((random_image(rng, rows, columns), settings, random_luts(rng)))
+        expected.append(Vision.reference(frames[-1][0], done, frames[-1][2]).tolist())
+    records, _ = run(frames, features=Features(64, 64, 0, **options))
+    assert [record.tolist() for record in records] == expected
 
 
 def line_image(rows: int, columns: int, centres, amplitude: float = 180, sigma: float = 1.5) -> np.ndarray:
@@ -144,7 +164,7 @@ def test_choices():
         image[1] = np.maximum(image[1], line_image(1, 96, [centre], amplitude, sigma)[0])
     expected = {Choice.STRONGEST: 20, Choice.FIRST: 20, Choice.LAST: 75, Choice.WIDEST: 45, Choice.NEAREST: 75}
     for choice, column in expected.items():
-        (record,) = check([(image, default_settings(choice=choice), ALL)], columns=96)
+        (record,) = check([(image, default_settings(choice=choice), ALL)], features=Features(96, 64))
         assert abs(record["position"][1] / 256 - column) < 0.1, choice
         rival = max((c for c in (20, 45, 75) if c != column), key={20: 3, 45: 1, 75: 2}.get)
         assert abs(record["second_position"][1] / 256 - rival) < 0.1, choice
@@ -207,7 +227,7 @@ def test_wide_lamp():
     lamp = line_image(1, 96, [62], 220, 10)
     image = np.maximum(line_image(1, 96, [20], 200), np.maximum(lamp, np.uint8(20)))
     for floor, ambiguous in ((5, 0), (60, 1)):
-        (record,) = check([(image, default_settings(floor=floor, ambiguous_ratio=128), RED)], columns=96)
+        (record,) = check([(image, default_settings(floor=floor, ambiguous_ratio=128), RED)], features=Features(96, 64))
         assert abs(record["position"][0] / 256 - 20) < 0.1 and record["ambiguous"][0] == ambiguous
         assert record["second_valid"][0] and abs(record["second_position"][0] / 256 - 62) <= 1
 
@@ -218,7 +238,7 @@ def test_two_lines_in_one_run():
         pair = np.maximum(line_image(1, 80, [20], 200), line_image(1, 80, [34], 100))
         image = np.maximum(pair, line_image(1, 80, [60], weaker))
         image[0, 10:45] = np.maximum(image[0, 10:45], 12)
-        (record,) = check([(image, default_settings(floor=5), ALL)], columns=80)
+        (record,) = check([(image, default_settings(floor=5), ALL)], features=Features(80, 64))
         assert abs(record["position"][0] / 256 - 20) < 0.1
         assert abs(record["second_position"][0] / 256 - expected) <= 0.5
 
@@ -279,7 +299,7 @@ def test_latency_with_the_filter():
     """A row's record comes ``latency`` clocks after the last pixel of the row below; the image's last as if there were
     one, after the shortest blanking and as long as itself.
     """
-    dut = Vision(max_columns=64, max_rows=64)
+    dut = Vision(Features(64, 64))
     columns, rows = 50, 4
     clocks = {"last": [], "record": []}
 
@@ -311,7 +331,7 @@ def test_broken_contract(seed):
     """
     print("seed", seed)
     rng = np.random.default_rng(seed)
-    dut = Vision(max_columns=64, max_rows=64)
+    dut = Vision(Features(64, 64))
     settings = default_settings(floor=30)
     whole = random_image(rng, 3, 40)
     widths = [int(rng.integers(1, 70)) for _ in range(30)]
@@ -364,7 +384,7 @@ def test_broken_contract(seed):
 
 def test_settings_that_change_too_early():
     """A frame that starts before the one before is measured: that row is flagged."""
-    dut = Vision(max_columns=64, max_rows=64)
+    dut = Vision(Features(64, 64))
     flags, errors = [], []
 
     async def collect(ctx):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from gateware.features import Features
 from gateware.vision.background import Background
 from gateware.vision.vision import Vision
 from magtrak.protocol import AmbientMode
@@ -25,7 +26,7 @@ CELLS = 256
 
 def run(steps, *, gap: float = 0.0):
     """Records of each image of (image, take, settings or None, luts) each: the settings change with it."""
-    dut = Vision(max_columns=64, max_rows=64, background_cells=CELLS)
+    dut = Vision(Features(64, 64, CELLS))
     records, subtracted = [[]], []
 
     async def collect(ctx):
@@ -151,7 +152,7 @@ def test_capacity_that_cannot_be_is_refused():
 
 def test_broken_images():
     """A background that broke the camera's contract is not used; another image that did changes nothing."""
-    dut = Vision(max_columns=64, max_rows=64, background_cells=CELLS)
+    dut = Vision(Features(64, 64, CELLS))
     image = random_image(np.random.default_rng(SEED), 3, 50)
     seen = []
 
@@ -169,7 +170,7 @@ def test_broken_images():
 
 def test_next_image_too_early():
     """Where the next image cuts off the background's end, the background is not used."""
-    dut = Vision(max_columns=64, max_rows=64, background_cells=CELLS)
+    dut = Vision(Features(64, 64, CELLS))
     image = random_image(np.random.default_rng(SEED), 3, 40)
     seen = []
 
