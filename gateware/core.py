@@ -73,7 +73,7 @@ class Core(wiring.Component):
         m.submodules.buffer = buffer = FrameBuffer(features.max_rows)
         m.submodules.assembler = assembler = FrameAssembler(features.max_rows)
         m.submodules.snapshot = snapshot = Snapshot()
-        m.submodules.registers = registers = RegisterFile(features.max_columns, features.max_rows)
+        m.submodules.registers = registers = RegisterFile(features)
         m.submodules.link = link = Link()
 
         # Pixels to packets.
@@ -170,7 +170,6 @@ class Core(wiring.Component):
             status.dropped.eq(buffer.dropped),
             status.damaged_commands.eq(link.damaged),
             status.camera_errors.eq(vision.errors_ever),
-            status.background_cells.eq(features.background_cells),
         ]
         for name in (
             *("count", "index_count", "index_passes", "pass_count", "index_difference", "encoder_errors", "speed"),
