@@ -42,7 +42,7 @@ BLOCKS: tuple[tuple[str, Callable[[], wiring.Component]], ...] = (
     ("Motion", Motion),
     ("FrameBuffer", lambda: FrameBuffer(MAX_ROWS)),
     ("FrameAssembler", lambda: FrameAssembler(MAX_ROWS)),
-    ("RegisterFile", lambda: RegisterFile(2048, MAX_ROWS)),
+    ("RegisterFile", RegisterFile),
     ("Link", Link),
     ("Core", lambda: Core(Features(max_rows=MAX_ROWS))),
 )

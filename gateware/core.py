@@ -73,7 +73,7 @@ class Core(wiring.Component):
         m.submodules.buffer = buffer = FrameBuffer(features.max_rows)
         m.submodules.assembler = assembler = FrameAssembler(features.max_rows)
         m.submodules.snapshot = snapshot = Snapshot()
-        m.submodules.registers = registers = RegisterFile(features.max_columns, features.max_rows)
+        m.submodules.registers = registers = RegisterFile(features)
         m.submodules.link = link = Link()
 
         # Pixels to packets.
@@ -146,14 +146,14 @@ class Core(wiring.Component):
             buffer.line_errors.eq(self.line_errors),
             buffer.moving.eq(link.tx.valid & link.tx.ready),
             buffer.image.field.eq(admission.field),
-            buffer.image.generation.eq(registers.generation),
+            buffer.start.generation.eq(registers.generation),
             buffer.image.form.eq(registers.now.form),
             buffer.image.laser_on.eq(motion.laser_on_whole_frame),
             buffer.image.speed_in_band.eq(motion.speed_in_band_whole_frame),
             buffer.image.motor_stopped.eq(motion.motor_state.stopped),
         ]
         for name in ("detector", "exposure_us", "time_offset_ns"):
-            m.d.comb += buffer.image[name].eq(registers.frame[name])
+            m.d.comb += buffer.start[name].eq(registers.frame[name])
         for name, _ in data.Layout.cast(MotionFacts):
             m.d.comb += buffer.motion[name].eq(getattr(motion, name))
 
@@ -171,7 +171,6 @@ class Core(wiring.Component):
             status.dropped.eq(buffer.dropped),
             status.damaged_commands.eq(link.damaged),
             status.camera_errors.eq(vision.errors_ever),
-            status.background_cells.eq(features.background_cells),
         ]
         for name in (
             *("count", "index_count", "index_passes", "pass_count", "index_difference", "encoder_errors", "speed"),

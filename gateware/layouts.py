@@ -85,11 +85,14 @@ class SettingWrite(data.Struct):
 
 class LutWrite(wiring.Signature):
     """Writes to the gate tables: word ``word`` of the idle bank of table ``axis`` (0 hue, 1 luminance,
-    2 saturation), and the strobe that exchanges the banks of all three.
+    2 saturation); and ``swap``, the strobe with which settings come in force, and with it the other banks of
+    those tables that ``written`` has a bit for.
     """
 
     def __init__(self) -> None:
-        super().__init__({"valid": Out(1), "axis": Out(2), "word": Out(3), "data": Out(32), "swap": Out(1)})
+        super().__init__(
+            {"valid": Out(1), "axis": Out(2), "word": Out(3), "data": Out(32), "swap": Out(1), "written": Out(3)}
+        )
 
 
 class RowResult(data.Struct):

@@ -1,5 +1,7 @@
 """Block RAM without logic around it."""
 
+from collections.abc import Sequence
+
 from amaranth.hdl import Module, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import Out
@@ -9,7 +11,7 @@ class BlockRam(wiring.Component):
     """A memory with a write port and a read port, for users that never look at a word while it is written.
 
     The read port is synchronous: ``read.data`` is the word of the ``read.addr`` at the clock before, if ``read.en`` was
-    high then, or else stays. Reset leaves all as it is.
+    high then, or else stays. A memory whose ``write.en`` is 0 is a ROM.
 
     What is read is undefined where ``read.en``, ``write.en`` and equal addresses meet in one clock. Block RAMs differ
     in what they return then. :class:`amaranth.lib.memory.Memory` promises the old word, for which Yosys puts a copy of
@@ -23,16 +25,18 @@ class BlockRam(wiring.Component):
     Parameters
     ----------
     shape : of a word
-    depth : words; their initial value is 0
+    depth : words
+    init : the words before anything is written, 0 where there are fewer. Reset leaves what is there.
 
     Members
     -------
     write, read : ports as of :mod:`amaranth.lib.memory`, seen from the memory
     """
 
-    def __init__(self, shape, depth: int) -> None:
+    def __init__(self, shape, depth: int, init: Sequence = ()) -> None:
         self.shape = shape
         self.depth = depth
+        self.init = init
         bits = (depth - 1).bit_length()
         super().__init__(
             {
@@ -43,7 +47,7 @@ class BlockRam(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        words = memory.Memory(shape=self.shape, depth=self.depth, init=[], attrs={"no_rw_check": 1})
+        words = memory.Memory(shape=self.shape, depth=self.depth, init=self.init, attrs={"no_rw_check": 1})
         m.submodules.words = words
         write, read = words.write_port(), words.read_port(domain="comb")
         word = Signal(self.shape, reset_less=True)

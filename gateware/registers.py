@@ -1,29 +1,52 @@
 """The registers, made from the map in :mod:`magtrak.protocol`."""
 
-from collections.abc import Iterable
-
-from amaranth.hdl import Module, Mux, Shape, Signal, ValueLike
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak import protocol
-from magtrak.protocol import REGISTERS, Access, AnswerCode, Register, Scope
+from magtrak.protocol import LUT_WORDS, REGISTERS, Access, AnswerCode, Register, Scope
 
+from .features import EVERYTHING, Features
 from .layouts import FrameSettings, LutWrite, NowSettings, SettingWrite
 from .link.packet import Answer, Command
+from .memory import BlockRam
+from .register_map import BANK_BIT, NUMBER_BITS, PAGE_BITS, PAGES, TABLE_BASE, TABLES, built, number
+from .select import one_of
 
-_OWN = ("magic", "version", "map_hash", "max_columns", "max_rows", "generation", "pending")
-"""Registers of scope ``CARD`` that the register file itself answers."""
-
-_TABLES = tuple(r for r in REGISTERS if r.words > 1)
-"""The gate tables, in the order of :class:`~gateware.layouts.LutWrite`'s axes."""
-
-_GROUP_BITS = 3  # of a register's number: so many values are looked through in one clock
+_CONSTANT = ("magic", "version", "map_hash", "max_columns", "max_rows", "background_cells", "features")
+_OWN = ("generation", "pending")
 
 CardStatus = data.StructLayout(
-    {r.name: Shape(r.bits, r.signed) for r in REGISTERS if r.scope is Scope.CARD and r.name not in _OWN}
+    {r.name: Shape(r.bits, r.signed) for r in REGISTERS if r.scope is Scope.CARD and r.name not in (*_CONSTANT, *_OWN)}
 )
 """What the rest of the card shows in its registers."""
+
+_LIVE = (*_OWN, *CardStatus.members)
+assert len(_LIVE) <= 32
+
+
+class _Low(data.Struct):
+    """About a register: the least value that it takes, or its value if it is constant; 0 where there is none."""
+
+    value: 32
+    readable: 1
+    writable: 1
+    setting: 1
+    signed: 1
+
+
+class _High(data.Struct):
+    """The greatest value that it takes, or if it is ``live`` a bit for what it shows.
+
+    Limits have their top bit inverted where they are signed: then comparing without sign is right for both kinds.
+    """
+
+    value: 32
+    constant: 1
+    live: 1
+    kept: 1
+    reserved: 1
 
 
 class RegisterFile(wiring.Component):
@@ -31,16 +54,22 @@ class RegisterFile(wiring.Component):
 
     Settings of the measurement (scope ``FRAME``) are written into shadows. Writing ``commit`` marks
     them; the next ``frame_start`` brings them in force, all in one clock, with their generation
-    number and the other bank of the gate tables. A setting or a table word that is written while marked
-    settings wait takes the mark off again: settings never come in force half written, and need
-    another commit. The answer is ``PENDING`` to a commit, and to reading a setting while a commit waits.
+    number and the other bank of those gate tables that were written since their last swap. A setting or a table word
+    that is written while marked settings wait takes the mark off again: settings never come in force half written, and
+    need another commit. The answer is ``PENDING`` to a commit, and to reading a setting while a commit waits.
 
-    Latency: 9 clocks from a command to its answer, 2 if it comes refused. Throughput: one command at a
-    time, 10 clocks each; others wait.
+    A value that needs what the card is not built with is out of range.
+
+    What a register takes and shows stands in a ROM, and values that were written are read from a memory that goes
+    along with the registers proper. Settings have two words there, in force and shadow; the next shadow is a copy of
+    what came in force, made before the first write to it. After reset the memory gets its initial values.
+
+    Latency: 10 clocks from a command to its answer, 2 if it comes refused; 80 more for the first write of a setting
+    after a commit came in force, 270 after reset. Throughput: one command at a time, 11 clocks each; others wait.
 
     Parameters
     ----------
-    max_columns, max_rows : what the registers of these names say
+    features : what the card is built with
 
     Members
     -------
@@ -56,17 +85,16 @@ class RegisterFile(wiring.Component):
     arm, arm_key : strobe and value of a write to ``laser_arm``
     """
 
-    def __init__(self, max_columns: int, max_rows: int) -> None:
-        self.max_columns = max_columns
-        self.max_rows = max_rows
+    def __init__(self, features: Features = EVERYTHING) -> None:
+        self.features = features
         super().__init__(
             {
                 "command": In(stream.Signature(Command)),
                 "answer": Out(stream.Signature(Answer)),
                 "frame_start": In(1),
-                "now": Out(NowSettings, init=_inits(Scope.NOW)),
+                "now": Out(NowSettings, init=self._inits(Scope.NOW)),
                 "write": Out(stream.Signature(SettingWrite)),
-                "frame": Out(FrameSettings, init=_inits(Scope.FRAME)),
+                "frame": Out(FrameSettings, init=self._inits(Scope.FRAME)),
                 "generation": Out(16),
                 "lut": Out(LutWrite()),
                 "status": In(CardStatus),
@@ -77,36 +105,42 @@ class RegisterFile(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        shadow = Signal(FrameSettings, init=_inits(Scope.FRAME))
+        shadow = Signal(FrameSettings, init=self._inits(Scope.FRAME))
         pending = Signal()
         marked = Signal(16)  # the generation that waits
+        written = self.lut.written  # since their last swap
+        bank, stale = Signal(), Signal()  # which words of settings are in force; the others are older
+        comes = self.lut.swap
+        m.d.comb += comes.eq(self.frame_start & pending)
+        with m.If(comes):
+            m.d.sync += [
+                *(self.frame.eq(shadow), self.generation.eq(marked)),
+                *(pending.eq(0), written.eq(0), bank.eq(~bank), stale.eq(1)),
+            ]
+
+        # Neither memory has a word read and written at once: a command reads after it wrote.
+        m.submodules.rom = rom = BlockRam(_Low.as_shape().size, 2 << NUMBER_BITS, self._rom())
+        m.submodules.values = values = BlockRam(32, 2 << NUMBER_BITS, self._initial())
 
         command = Signal(Command)
-        number = Signal(range(len(REGISTERS)))  # which register is addressed
-        known = Signal()
-
-        # About the addressed register. Limits have their top bit inverted where it is signed: then
-        # comparing without sign is right for both kinds.
-        facts = {
-            "readable": _Looked(1, (r.access is not Access.WRITE for r in REGISTERS), "readable"),
-            "writable": _Looked(1, (r.access is not Access.READ for r in REGISTERS), "writable"),
-            "setting": _Looked(1, (r.scope is Scope.FRAME for r in REGISTERS), "setting"),
-            "signed": _Looked(1, (r.signed for r in REGISTERS), "signed"),
-            "low": _Looked(32, (_biased(r, r.range[0]) for r in REGISTERS), "low"),
-            "high": _Looked(32, (_biased(r, r.range[1]) for r in REGISTERS), "high"),
-        }
-        readable, writable, setting, signed, low, high = (fact.value for fact in facts.values())
-        content = _Looked(32, (self._value(r, pending) for r in REGISTERS), "current")
-        current = content.value
-
+        at = Signal(NUMBER_BITS)  # number of the addressed register
+        matched = Signal()  # there is such a page
+        low, high = Signal(_Low), Signal(_High)
         biased = Signal(32)
         inside = Signal()
-        m.d.comb += [
-            biased.eq(command.value ^ (signed << 31)),
-            self.lut.swap.eq(self.frame_start & pending),
-        ]
-        with m.If(self.lut.swap):
-            m.d.sync += [self.frame.eq(shadow), self.generation.eq(marked), pending.eq(0)]
+        m.d.comb += biased.eq(command.value ^ (low.signed << 31))
+
+        # Copies, with the word that is read a clock behind its address: of the initial values, which stand above all
+        # others, or of the settings in force.
+        booting = Signal(init=1)
+        step = Signal(NUMBER_BITS + 1)
+        copied = Signal(NUMBER_BITS)
+        m.d.sync += copied.eq(step)
+
+        def place(number, its_bank):
+            """Where the value of a register is."""
+            is_setting = ~number[BANK_BIT:].any()
+            return Cat(number[:BANK_BIT], number[BANK_BIT] | (is_setting & its_bank), number[BANK_BIT + 1 :])
 
         m.d.comb += [
             self.write.payload.address.eq(command.address),
@@ -115,8 +149,24 @@ class RegisterFile(wiring.Component):
         with m.If(self.write.ready):
             m.d.sync += self.write.valid.eq(0)
         m.d.sync += [self.arm.eq(0), self.lut.valid.eq(0)]
+        m.d.comb += values.read.en.eq(0)
         code = self.answer.payload.code
         with m.FSM():
+            with m.State("Copy"):
+                m.d.comb += [
+                    values.read.en.eq(1),
+                    values.read.addr.eq(Mux(booting, Cat(step[:NUMBER_BITS], 1), Cat(step[:BANK_BIT], bank))),
+                    values.write.en.eq(step != 0),
+                    values.write.addr.eq(Mux(booting, copied, Cat(copied[:BANK_BIT], ~bank))),
+                    values.write.data.eq(values.read.data),
+                ]
+                m.d.sync += step.eq(step + 1)
+                with m.If(step == Mux(booting, 1 << NUMBER_BITS, 1 << BANK_BIT)):
+                    m.d.sync += [booting.eq(0), stale.eq(0), step.eq(0)]
+                    m.next = "Find"
+                    with m.If(booting):
+                        m.next = "Wait"
+
             with m.State("Wait"):
                 m.d.comb += self.command.ready.eq(1)
                 m.d.sync += [
@@ -132,55 +182,66 @@ class RegisterFile(wiring.Component):
                         m.next = "Answer"
 
             with m.State("Find"):
-                m.d.sync += [known.eq(0), number.eq(0)]
-                with m.Switch(command.address):
-                    for at, register in enumerate(REGISTERS):
-                        with m.Case(_pattern(register)):
-                            m.d.sync += [known.eq(1), number.eq(at)]
-                m.next = "Group"
-            with m.State("Group"):
-                for looked in (*facts.values(), content):
-                    looked.group(m, number)
-                m.next = "Merge"
-            with m.State("Merge"):
-                for looked in (*facts.values(), content):
-                    looked.merge(m, number)
+                self._find(m, command.address, at, matched)
+                m.next = "Low"
+            with m.State("Low"):
+                m.d.comb += rom.read.addr.eq(Cat(at, 0))
+                m.next = "High"
+            with m.State("High"):
+                m.d.comb += rom.read.addr.eq(Cat(at, 1))
+                m.d.sync += low.eq(rom.read.data)
+                m.next = "Take"
+            with m.State("Take"):
+                m.d.sync += high.eq(rom.read.data)
+                with m.If(~matched):
+                    m.d.sync += [low.eq(0), high.eq(0)]
                 m.next = "Compare"
             with m.State("Compare"):
-                m.d.sync += inside.eq((biased >= low) & (biased <= high))
+                m.d.sync += inside.eq((biased >= low.value) & (biased <= high.value))
                 m.next = "Execute"
 
             with m.State("Execute"):
-                with m.If(~known):
+                m.next = "Fetch"
+                with m.If(~low.readable & ~low.writable):
                     m.d.sync += code.eq(AnswerCode.UNKNOWN_ADDRESS)
-                with m.Elif(~Mux(command.write, writable, readable)):
+                with m.Elif(~Mux(command.write, low.writable, low.readable)):
                     m.d.sync += code.eq(AnswerCode.NOT_ALLOWED)
                 with m.Elif(~command.write):
-                    m.d.sync += code.eq(Mux(setting & pending, AnswerCode.PENDING.value, AnswerCode.DONE.value))
+                    m.d.sync += code.eq(Mux(low.setting & pending, AnswerCode.PENDING.value, AnswerCode.DONE.value))
                 with m.Elif(~inside):
                     m.d.sync += code.eq(AnswerCode.OUT_OF_RANGE)
+                with m.Elif(low.setting & comes):  # the shadow is in force in the next clock, and not to be written
+                    m.next = "Execute"
+                with m.Elif(low.setting & stale):
+                    m.next = "Copy"
                 with m.Else():
-                    with m.If(setting):
+                    m.d.comb += [
+                        values.write.en.eq(high.kept),
+                        values.write.addr.eq(place(at, ~bank)),
+                        values.write.data.eq(command.value),
+                    ]
+                    with m.If(low.setting):
                         m.d.sync += pending.eq(0)
-                    with m.Switch(number):
-                        for at, register in enumerate(REGISTERS):
+                    with m.Switch(at):
+                        for register in REGISTERS:
                             if register.access is not Access.READ:
-                                with m.Case(at):
-                                    self._write(m, register, command, shadow, pending, marked, code)
+                                with m.Case(number(register)):
+                                    self._write(m, register, command, shadow, pending, marked, written, code)
                                     if register.scope is Scope.NOW and register.access is Access.BOTH:
                                         m.d.sync += self.write.valid.eq(1)
-                m.next = "Regroup"
 
             # What was written shows in what is read.
-            with m.State("Regroup"):
-                content.group(m, number)
-                m.next = "Remerge"
-            with m.State("Remerge"):
-                content.merge(m, number)
+            with m.State("Fetch"):
+                m.d.comb += [values.read.en.eq(1), values.read.addr.eq(place(at, bank))]
                 m.next = "Read"
             with m.State("Read"):
-                with m.If(known & readable):
-                    m.d.sync += self.answer.payload.value.eq(current)
+                live = {"generation": self.generation, "pending": pending}
+                shown = [live[name] if name in live else self.status[name] for name in _LIVE]
+                value = one_of(
+                    [*(_extended(one) for one in shown), low.value, values.read.data],
+                    Cat(high.value[: len(shown)] & high.live.replicate(len(shown)), high.constant, high.kept),
+                )
+                m.d.sync += self.answer.payload.value.eq(value)
                 m.next = "Answer"
             with m.State("Answer"):
                 m.d.comb += self.answer.valid.eq(~self.write.valid)
@@ -189,31 +250,28 @@ class RegisterFile(wiring.Component):
 
         return m
 
-    def _value(self, register: Register, pending: Signal) -> ValueLike:
-        """What reading ``register`` gives."""
-        own = {
-            "magic": protocol.MAGIC,
-            "version": protocol.VERSION,
-            "map_hash": protocol.map_hash(),
-            "max_columns": self.max_columns,
-            "max_rows": self.max_rows,
-            "generation": self.generation,
-            "pending": pending,
-        }
-        if register.name in own:
-            return own[register.name]
-        if register.access is Access.WRITE:
-            return 0
-        return {Scope.CARD: self.status, Scope.NOW: self.now, Scope.FRAME: self.frame}[register.scope][register.name]
+    @staticmethod
+    def _find(m, address, at, matched):
+        """Statements that set the number of the register at ``address``, and whether there can be one."""
+        m.d.sync += [matched.eq(0), at.eq(0)]
+        within = address[:PAGE_BITS]
+        with m.Switch(address[PAGE_BITS:]):
+            for page, (base, size) in PAGES.items():
+                with m.Case(page):
+                    m.d.sync += [matched.eq(within < size), at.eq(base | within)]
+        with m.Switch(address):
+            for axis, table in enumerate(TABLES):
+                bits = (LUT_WORDS - 1).bit_length()
+                with m.Case(f"{table.address >> bits:0{16 - bits}b}" + "-" * bits):
+                    m.d.sync += [matched.eq(1), at.eq(TABLE_BASE + axis)]
 
-    def _write(self, m, register, command, shadow, pending, marked, code):
+    def _write(self, m, register, command, shadow, pending, marked, written, code):
         """Statements that write the command's value into ``register``."""
-        if register in _TABLES:
+        if register in TABLES:
+            axis = TABLES.index(register)
             m.d.sync += [
-                self.lut.valid.eq(1),
-                self.lut.axis.eq(_TABLES.index(register)),
-                self.lut.word.eq(command.address),
-                self.lut.data.eq(command.value),
+                *(self.lut.valid.eq(1), self.lut.axis.eq(axis), self.lut.word.eq(command.address)),
+                *(self.lut.data.eq(command.value), written[axis].eq(1)),
             ]
         elif register.name == "commit":
             m.d.sync += [pending.eq(1), marked.eq(command.value), code.eq(AnswerCode.PENDING)]
@@ -223,48 +281,56 @@ class RegisterFile(wiring.Component):
             values = shadow if register.scope is Scope.FRAME else self.now
             m.d.sync += values[register.name].eq(command.value)
 
+    def _inits(self, scope: Scope) -> dict[str, int]:
+        return {r.name: built(r, self.features)[2] for r in REGISTERS if r.scope is scope and r.access is Access.BOTH}
 
-def _inits(scope: Scope) -> dict[str, int]:
-    return {r.name: r.init for r in REGISTERS if r.scope is scope and r.access is Access.BOTH}
+    def _initial(self) -> list[int]:
+        """The memory of values, with those after reset in its upper half."""
+        words = [0] * (2 << NUMBER_BITS)
+        for r in REGISTERS:
+            if r.access is Access.BOTH:
+                places = [number(r)] if r.scope is Scope.NOW else [number(r), number(r) | 1 << BANK_BIT]
+                for place in places:
+                    words[place | 1 << NUMBER_BITS] = r.encode(built(r, self.features)[2])
+        return words
 
-
-def _pattern(register: Register) -> str:
-    """The register's addresses, as a pattern; tables stand at multiples of their size."""
-    bits = (register.words - 1).bit_length()
-    assert register.words == 1 << bits and register.address % register.words == 0, register
-    return f"{register.address >> bits:0{16 - bits}b}" + "-" * bits
+    def _rom(self) -> list[int]:
+        """All about each register."""
+        features = self.features
+        constants = {
+            "magic": protocol.MAGIC,
+            "version": protocol.VERSION,
+            "map_hash": protocol.map_hash(),
+            "max_columns": features.max_columns,
+            "max_rows": features.max_rows,
+            "background_cells": features.background_cells,
+            "features": sum(getattr(features, name) << bit for bit, name in enumerate(protocol.FEATURES)),
+        }
+        lows, highs = ([0] * (1 << NUMBER_BITS) for _ in range(2))
+        for r in REGISTERS:
+            lowest, highest, _ = built(r, features)
+            low = {
+                "value": constants.get(r.name, 0) if r.access is Access.READ else _biased(r, lowest),
+                "readable": r.access is not Access.WRITE,
+                "writable": r.access is not Access.READ,
+                "setting": r.scope is Scope.FRAME or r.name == "commit",
+                "signed": r.signed,
+            }
+            high = {
+                "value": 1 << _LIVE.index(r.name) if r.name in _LIVE else _biased(r, highest),
+                "constant": r.name in constants,
+                "live": r.name in _LIVE,
+                "kept": r.access is Access.BOTH,
+            }
+            lows[number(r)] = _Low.as_shape().const(low).as_value().value
+            highs[number(r)] = _High.as_shape().const(high).as_value().value
+        return lows + highs
 
 
 def _biased(register: Register, value: int) -> int:
     return value & 0xFFFF_FFFF ^ register.signed << 31
 
 
-class _Looked:
-    """A value for each register, looked up by the register's number in two clocks: :meth:`group`, then :meth:`merge`.
-
-    One clock for all would be too long a way. Nothing moves in other clocks, which spares a simulation much work.
-    """
-
-    def __init__(self, width: int, values: Iterable[ValueLike], name: str) -> None:
-        listed = list(values)
-        size = 1 << _GROUP_BITS
-        self._groups = [
-            (Signal(width, name=f"{name}_group{start // size}"), listed[start : start + size])
-            for start in range(0, len(listed), size)
-        ]
-        self.value = Signal(width, name=name)
-
-    def group(self, m: Module, number: ValueLike) -> None:
-        """In the present clock each group takes the value whose number ends so."""
-        for held, values in self._groups:
-            with m.Switch(number[:_GROUP_BITS]):
-                for at, value in enumerate(values):
-                    with m.Case(at):
-                        m.d.sync += held.eq(value)  # with its sign
-
-    def merge(self, m: Module, number: ValueLike) -> None:
-        """In the present clock ``value`` takes that of the right group."""
-        with m.Switch(number[_GROUP_BITS:]):
-            for at, (held, _) in enumerate(self._groups):
-                with m.Case(at):
-                    m.d.sync += self.value.eq(held)
+def _extended(value):
+    """With its sign, to the 32 bits of an answer."""
+    return Cat(value, (value[-1] if value.shape().signed else Const(0)).replicate(32 - len(value)))

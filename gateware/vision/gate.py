@@ -16,8 +16,8 @@ class Gate(wiring.Component):
     """One bit per colour: hue, luminance and saturation all pass their tables.
 
     Each table has 256 entries of one bit, in two banks of 16 x 32 bits of distributed RAM. The host fills the idle
-    bank; ``lut.swap`` exchanges the banks of all three at once, for colours that come from then on. After reset
-    both banks are 0: nothing passes.
+    bank; ``lut.swap`` exchanges the banks of all ``lut.written`` at once, for colours that come from then on. After
+    reset both banks are 0: nothing passes.
 
     Members
     -------
@@ -39,15 +39,15 @@ class Gate(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        bank = Signal()
+        banks = Signal(3)
         with m.If(self.lut.swap):
-            m.d.sync += bank.eq(~bank)
+            m.d.sync += banks.eq(banks ^ self.lut.written)
 
         passes = []
         for axis, name in enumerate(("hue", "luminance", "saturation")):
             table = memory.Memory(shape=32, depth=2 * LUT_WORDS, init=[])
             m.submodules[f"table_{name}"] = table
-            write = table.write_port()
+            write, bank = table.write_port(), banks[axis]
             m.d.comb += [
                 write.en.eq(self.lut.valid & (self.lut.axis == axis)),
                 write.addr.eq(Cat(self.lut.word, ~bank)),

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from . import protocol
+from .built import Built
 from .clock import CardClock
 from .errors import CardError, CardResetError, LinkError
 from .frames import DamagedFrameError, Frame, decode_frame
@@ -47,6 +48,7 @@ class Identity:
     clock_hz: int
     max_columns: int
     max_rows: int
+    built: Built
     serial: int = 0
     link_baud: int = 0
 
@@ -128,7 +130,11 @@ class Card:
         self.write_all([(name, [value])])
 
     def write_all(self, values: Sequence[tuple[str, Sequence[int]]]) -> None:
-        """Write registers in order, tables with all their words, several commands under way at once."""
+        """Write registers in order, tables with all their words, several commands under way at once.
+
+        :exc:`SettingsError` where one needs what the card is built without; then none is written.
+        """
+        self.identity.built.check(values)
         commands = []
         for name, words in values:
             entry = register(name)
@@ -157,7 +163,10 @@ class Card:
 
         The laser stays off and the motor stands: see :meth:`start`.
         """
-        self.write_all([*settings.register_values(self.identity.clock_hz), *settings.tables()])
+        built = self.identity.built
+        built.check([("motor_mode", [settings.motor.mode_word()])])  # sooner than when the motor is to start
+        values = built.fitted({name: words[0] for name, words in settings.register_values(self.identity.clock_hz)})
+        self.write_all([*((name, [value]) for name, value in values.items()), *settings.tables()])
         self._lease_s = settings.laser.lease_s
         return self.commit()
 
@@ -363,4 +372,5 @@ class Card:
             )
         names = ("clock_hz", "max_columns", "max_rows", "serial_low", "serial_high", "link_baud")
         clock_hz, columns, rows, low, high, baud = self.read_all(names)
-        return Identity(version, map_hash, clock_hz, columns, rows, low | high << 32, baud)
+        built = Built(*self.read_all(("features", "background_cells")))
+        return Identity(version, map_hash, clock_hz, columns, rows, built, low | high << 32, baud)

@@ -25,7 +25,7 @@ class Station(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.link = link = Link()
-        m.submodules.registers = registers = RegisterFile(64, 64)
+        m.submodules.registers = registers = RegisterFile()
         connect(m, flipped(self.rx), link.rx)
         connect(m, flipped(self.frame), link.frame)
         connect(m, link.tx, flipped(self.tx))

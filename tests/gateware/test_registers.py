@@ -3,13 +3,15 @@
 import random
 
 import pytest
+from amaranth.hdl import ResetInserter, Signal
 
+from gateware.features import Features
 from gateware.registers import CardStatus, RegisterFile
 from magtrak import protocol
 from magtrak.protocol import REGISTERS, Access, AnswerCode, Scope, register
 from tests.support.simulation import simulate
 
-MAX_COLUMNS, MAX_ROWS = 640, 512
+FEATURES = Features(640, 512, background_cells=1000)
 CODES = AnswerCode
 
 
@@ -54,7 +56,7 @@ class Host:
 
 def run(test, clocks=200_000):
     """Run ``test(host)`` on a register file after reset."""
-    dut = RegisterFile(MAX_COLUMNS, MAX_ROWS)
+    dut = RegisterFile(FEATURES)
 
     async def testbench(ctx):
         await test(Host(ctx, dut))
@@ -76,8 +78,10 @@ def test_every_register_reads_its_value_after_reset():
         "magic": protocol.MAGIC,
         "version": protocol.VERSION,
         "map_hash": protocol.map_hash(),
-        "max_columns": MAX_COLUMNS,
-        "max_rows": MAX_ROWS,
+        "max_columns": 640,
+        "max_rows": 512,
+        "background_cells": 1000,
+        "features": 0xF,
     }
 
     async def test(host):
@@ -244,7 +248,7 @@ def test_gate_tables_are_written_word_by_word():
         assert writes == seen
 
     writes = []
-    dut = RegisterFile(MAX_COLUMNS, MAX_ROWS)
+    dut = RegisterFile(FEATURES)
 
     async def watch(ctx):
         while True:
@@ -258,8 +262,139 @@ def test_gate_tables_are_written_word_by_word():
     simulate(dut, testbench, watch, clocks=2000)
 
 
+def test_only_tables_that_were_written_are_exchanged():
+    """Also where a commit is withdrawn, and where frames come without one."""
+    swaps = []
+    dut = RegisterFile(FEATURES)
+
+    async def watch(ctx):
+        while True:
+            _, _, swap, written = await ctx.tick().sample(dut.lut.swap, dut.lut.written)
+            if swap:
+                swaps.append(written)
+
+    async def testbench(ctx):
+        host = Host(ctx, dut)
+
+        async def frame():
+            await host.frame()
+            await ctx.tick()
+
+        await host.write("commit", 1)
+        await frame()
+        assert swaps == [0]
+        await host.write("lut_luminance", 5)
+        await frame()
+        await host.write("commit", 2)
+        await host.write("lut_hue", 5)  # withdraws it
+        await frame()
+        assert swaps == [0]
+        await host.write("commit", 3)
+        await frame()
+        assert swaps == [0, 0b011]
+        await host.write("floor", 5)
+        await host.write("commit", 4)
+        await frame()
+        assert swaps == [0, 0b011, 0]
+        await host.write("lut_saturation", 5)
+        await host.write("commit", 5)
+        await frame()
+        assert swaps == [0, 0b011, 0, 0b100]
+
+    simulate(dut, testbench, watch, clocks=3000)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_is_read_is_in_force(seed):
+    """Random writes, commits and frames, often in the same clocks: registers and what hardware sees agree."""
+    print("seed", seed)
+    rng = random.Random(seed)
+    settings = [r for r in REGISTERS if r.scope is Scope.FRAME and r.access is Access.BOTH]
+    dut = RegisterFile(FEATURES)
+
+    async def frames(ctx):
+        while True:
+            for _ in range(rng.choice([1, 7, 11, 30, 200])):
+                await ctx.tick()
+            ctx.set(dut.frame_start, 1)
+            await ctx.tick()
+            ctx.set(dut.frame_start, 0)
+
+    async def testbench(ctx):
+        host = Host(ctx, dut)
+        shadow = {r.name: r.init for r in settings}
+        commits = {0: dict(shadow)}  # by generation
+        for generation in range(1, 60):
+            for _ in range(rng.choice([0, 0, 1, 4])):
+                one = rng.choice(settings)
+                value = rng.choice(values_of(one))
+                assert (await host.write(one.name, value))[0] is CODES.DONE
+                shadow[one.name] = value
+            await host.write("commit", generation)
+            commits[generation] = dict(shadow)
+            for _ in range(rng.choice([0, 1, 3])):
+                one = rng.choice(settings)
+                before = ctx.get(dut.generation)
+                _, value = await host.read(one.name)
+                assert value in {commits[n][one.name] for n in (before, ctx.get(dut.generation))}
+            now = ctx.get(dut.frame)
+            assert {r.name: now[r.name] for r in settings} == commits[ctx.get(dut.generation)]
+
+    simulate(dut, testbench, frames, clocks=100_000)
+
+
+def test_reset_brings_back_what_is_read():
+    """The memory behind the registers is not reset by itself."""
+    dut = RegisterFile(FEATURES)
+    reset = Signal()
+
+    async def testbench(ctx):
+        host = Host(ctx, dut)
+        for name, value in (("floor", 99), ("motor_period", 77)):
+            await host.write(name, value)
+        await host.write("commit", 1)
+        await host.frame()
+        assert (await host.read("floor"), await host.read("motor_period")) == ((CODES.DONE, 99), (CODES.DONE, 77))
+        ctx.set(reset, 1)
+        await ctx.tick()
+        ctx.set(reset, 0)
+        for r in REGISTERS:
+            if r.access is Access.BOTH:
+                assert await host.read(r.name) == (CODES.DONE, r.init)
+        await host.write("commit", 1)
+        await host.frame()
+        assert await host.read("floor") == (CODES.DONE, register("floor").init)
+
+    simulate(ResetInserter(reset)(dut), testbench, clocks=5000)
+
+
+@pytest.mark.parametrize(
+    ("name", "without", "value"),
+    [
+        ("ambient_mode", {"background_cells": 0}, 1),
+        ("isolate", {"isolate": False}, 1),
+        ("centroid_window", {"window": False}, 1),
+        ("motor_mode", {"speed_loop": False}, 2),
+        ("snapshot", {"snapshot": False}, 1),
+    ],
+)
+def test_what_is_not_built_is_out_of_range(name, without, value):
+    dut = RegisterFile(Features(**without))
+
+    async def testbench(ctx):
+        host = Host(ctx, dut)
+        least = min(register(name).init, value - 1)
+        assert await host.read(name) == (CODES.DONE, least)
+        assert await host.write(name, value) == (CODES.OUT_OF_RANGE, least)
+        assert (await host.write(name, least))[0] is CODES.DONE
+        _, built = await host.read("features")
+        assert built == 0xF & ~sum(1 << n for n, feature in enumerate(protocol.FEATURES) if feature in without)
+
+    simulate(dut, testbench, clocks=2000)
+
+
 def test_arming_is_a_strobe_with_the_key():
-    dut = RegisterFile(MAX_COLUMNS, MAX_ROWS)
+    dut = RegisterFile(FEATURES)
     strobes = []
 
     async def watch(ctx):

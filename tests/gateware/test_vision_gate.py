@@ -68,6 +68,12 @@ def test_idle_bank_waits_for_the_swap():
         await ctx.tick()
         ctx.set(dut.lut.swap, 0)
         assert not any(await passes(ctx, dut, probe))
+        ctx.set(dut.lut.written, 0)
+        ctx.set(dut.lut.swap, 1)  # nothing was written
+        await ctx.tick()
+        ctx.set(dut.lut.swap, 0)
+        assert not any(await passes(ctx, dut, probe))
+        ctx.set(dut.lut.written, 0b111)
         ctx.set(dut.lut.swap, 1)  # back to the bank that was in use
         await ctx.tick()
         ctx.set(dut.lut.swap, 0)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from magtrak import protocol
+from magtrak.built import Built
 from magtrak.card import Card
-from magtrak.errors import CardError, EndOfStreamError
+from magtrak.errors import CardError, EndOfStreamError, SettingsError
 from magtrak.link import Link
 from magtrak.motor import Motor
-from magtrak.settings import Settings
+from magtrak.settings import Ambient, Peak, Runs, Settings
 from tests.support.fake_card import FakeCard
 from tests.support.frames import CLOCK_HZ, Recorder
 
@@ -64,6 +65,31 @@ def test_a_command_whose_answer_is_lost_is_sent_again_and_the_order_stays() -> N
         for name, (value,) in Settings().register_values(CLOCK_HZ):
             assert fake.value(name) == value
         assert fake.written[-1][0] == "commit"
+
+
+@pytest.mark.parametrize(
+    ("identity", "settings", "message"),
+    [
+        ({"background_cells": 0}, Settings(ambient=Ambient("skip")), "ambient.mode needs the subtraction .* to off"),
+        ({"features": 0b1110}, Settings(runs=Runs(neighbours=2)), "runs.neighbours needs the filter .*: set it to 0"),
+        ({"features": 0b1101}, Settings(peak=Peak("centroid")), "peak.window needs the windowed .* the whole run"),
+        ({"features": 0b1011}, Settings(motor=Motor(mode="speed")), "motor.mode needs the speed loop.*: use duty"),
+    ],
+)
+def test_settings_that_need_what_a_card_is_built_without_are_refused(identity, settings, message) -> None:  # type: ignore[no-untyped-def]
+    with FakeCard(identity=identity) as fake, Link(fake.port) as link:
+        card = Card(link)
+        with pytest.raises(SettingsError, match=message):
+            card.apply(settings)
+        assert not fake.written
+        card.apply(Settings())  # the defaults fit any card
+
+
+def test_a_card_tells_what_it_is_built_with() -> None:
+    assert "without" not in str(Built(0xF, 100)) and "speed loop" in str(Built(0xF, 100))
+    assert str(Built(0b1000, 0)).startswith("snapshots; without filter of isolated pixels, ")
+    with FakeCard(identity={"features": 0b0111}) as fake, Link(fake.port) as link, pytest.raises(SettingsError):
+        Card(link).write("snapshot", 1)
 
 
 def test_tables_arrive_word_for_word() -> None:

@@ -72,6 +72,8 @@ class FakeCard:
             "clock_hz": CLOCK_HZ,
             "max_columns": 2048,
             "max_rows": 2048,
+            "features": (1 << len(protocol.FEATURES)) - 1,
+            "background_cells": 19200,
         }
         self._known |= identity or {}
         self._reset()

@@ -84,6 +84,7 @@ async def load_luts(ctx, lut, luts: np.ndarray) -> None:
             ctx.set(lut.data, value)
             await ctx.tick()
     ctx.set(lut.valid, 0)
+    ctx.set(lut.written, 0b111)
     ctx.set(lut.swap, 1)
     await ctx.tick()
     ctx.set(lut.swap, 0)

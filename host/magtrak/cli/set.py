@@ -8,32 +8,22 @@ from .common import BAUD, PORT, connected, table
 @click.command()
 @click.argument("assignments", nargs=-1, required=True, metavar="NAME=VALUE...")
 @click.option("--wait", type=click.FloatRange(min=0), default=0.5, show_default=True, metavar="S", help="For an image.")
-@click.option("--settings", default="green", show_default=True, metavar="NAME|FILE.toml", help="Whose gate it has.")
 @PORT
 @BAUD
-def main(assignments: tuple[str, ...], wait: float, settings: str, port: str | None, baud: int) -> None:
+def main(assignments: tuple[str, ...], wait: float, port: str | None, baud: int) -> None:
     """Set registers (floor=30) or settings (weight.floor=30, peak.detector=binary, 'gate.hue=[90, 160]').
 
     Those of the measurement take effect all at once with the next image; they are shown as read back, what is in force,
-    and "pending" where no image came in time. The gate's colours cannot be read from a card: those that are not set
-    here become those of --settings.
+    and "pending" where no image came in time. All else stays as it is; the gate's colours cannot be read from a card.
     """
     from ..adjust import needs_commit, parse_assignment
     from ..protocol import Access, register
-    from ..settings_file import load_settings
 
     with connected(port, baud) as card:
         turn = card.read("counts_per_turn")
         values = [one for text in assignments for one in parse_assignment(text, card.identity.clock_hz, turn)]
-        in_force = True
-        if needs_commit(values):
-            # A commit changes all gate tables: those not given have to be loaded again, and cannot be read.
-            given = {name for name, _ in values}
-            card.write_all([one for one in load_settings(settings).tables() if one[0] not in given])
-            card.write_all(values)
-            in_force = card.wait_in_force(card.commit(), wait)
-        else:
-            card.write_all(values)
+        card.write_all(values)
+        in_force = card.wait_in_force(card.commit(), wait) if needs_commit(values) else True
         rows = []
         for name, words in values:
             entry = register(name)

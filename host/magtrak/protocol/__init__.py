@@ -30,6 +30,7 @@ from .packets import (
     SnapshotSource,
 )
 from .registers import (
+    FEATURES,
     LASER_KEY,
     LUT_WORDS,
     MAGIC,
@@ -58,6 +59,7 @@ __all__ = [
     "COMPACT_ROW",
     "EDGE",
     "ENCODER_ERRORS",
+    "FEATURES",
     "FRAME",
     "FRAME_FLAGS",
     "FULL_ROW",

@@ -199,6 +199,10 @@ def _frame(name: str, address: int, bits: int, doc: str, unit: str = "", **more:
     return Register(name, address, bits, Scope.FRAME, Access.BOTH, doc, unit, **more)  # type: ignore[arg-type]
 
 
+FEATURES = ("isolate", "window", "speed_loop", "snapshot")
+"""What a card may be built without, by its bit in the register ``features``."""
+
+
 REGISTERS: tuple[Register, ...] = (
     # What the card is.
     _card("magic", 0x0000, 32, "0x4B54474D; any other value: not a Magtrak card"),
@@ -210,6 +214,7 @@ REGISTERS: tuple[Register, ...] = (
     _card("serial_low", 0x0006, 32, "serial number of the card, lower half; 0 in both halves: it has none"),
     _card("serial_high", 0x0007, 32, "upper half"),
     _card("link_baud", 0x0008, 32, "rate of the card's UART; 0: another kind of link", "baud"),
+    _card("features", 0x0009, 8, "what it is built with, a bit each: " + ", ".join(FEATURES)),
     # Acquisition.
     _now("run", 0x0010, 1, "1: images are measured and sent, from the next whole one on"),
     _now("form", 0x0011, 1, "a RowForm: 0 compact, 1 full rows", init=1),
@@ -288,7 +293,8 @@ REGISTERS: tuple[Register, ...] = (
             32,
             Scope.FRAME,
             Access.WRITE,
-            f"gate table of {axis}: bit set, colour passes; load all three tables before each commit",
+            f"gate table of {axis}: bit set, colour passes; a commit brings it in force if it was written since it last"
+            " came in force, all its words",
             words=LUT_WORDS,
         )
         for number, axis in enumerate(("hue", "luminance", "saturation"))

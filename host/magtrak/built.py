@@ -1,0 +1,74 @@
+"""What a card is built with, and settings that need more than that."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from .errors import SettingsError
+from .protocol import FEATURES, Detector, MotorMode
+
+_NEEDS = {
+    # register: what it needs, the greatest value without, what people call the setting
+    "isolate": ("isolate", 0, "runs.neighbours"),
+    "centroid_window": ("window", 0, "peak.window"),
+    "motor_mode": ("speed_loop", int(MotorMode.DUTY), "motor.mode"),
+    "snapshot": ("snapshot", 0, "a snapshot"),
+    "ambient_mode": ("background", 0, "ambient.mode"),
+}
+_NAMES = {
+    "isolate": "filter of isolated pixels",
+    "window": "windowed centroid",
+    "speed_loop": "speed loop",
+    "snapshot": "snapshots",
+    "background": "subtraction of ambient light",
+}
+_INSTEAD = {
+    "isolate": "set it to 0",
+    "window": "set it to 0, the whole run",
+    "speed_loop": "use duty",
+    "snapshot": "use another bitstream",
+    "background": "set it to off",
+}
+assert set(FEATURES) < set(_NAMES)
+
+
+@dataclass(frozen=True)
+class Built:
+    """What a card has of the parts that it may be built without.
+
+    Parameters
+    ----------
+    features : the register of that name
+    background_cells : blocks of pixels that the background may have
+    """
+
+    features: int
+    background_cells: int
+
+    def has(self, feature: str) -> bool:
+        """Whether the card is built with a feature of the protocol, or with "background"."""
+        return (
+            self.background_cells > 0 if feature == "background" else bool(self.features >> FEATURES.index(feature) & 1)
+        )
+
+    def __str__(self) -> str:
+        """The parts that it has, and those that it has not."""
+        has = [name for feature, name in _NAMES.items() if self.has(feature)]
+        lacks = [name for feature, name in _NAMES.items() if not self.has(feature)]
+        parts = [", ".join(has)] if has else []
+        return "; ".join([*parts, *(["without " + ", ".join(lacks)] if lacks else [])])
+
+    def check(self, values: Sequence[tuple[str, Sequence[int]]]) -> None:
+        """:exc:`SettingsError` where one of the registers and words needs what is not built."""
+        for name, words in values:
+            if name in _NEEDS:
+                feature, greatest, setting = _NEEDS[name]
+                if words[0] > greatest and not self.has(feature):
+                    raise SettingsError(
+                        f"{setting} needs the {_NAMES[feature]}, which this card is built without: {_INSTEAD[feature]}"
+                    )
+
+    def fitted(self, values: Mapping[str, int]) -> dict[str, int]:
+        """The registers, without what would not be used and is not built: the window of another detector."""
+        if self.has("window") or values["detector"] == Detector.CENTROID:
+            return dict(values)
+        return {**values, "centroid_window": 0}
