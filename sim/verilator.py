@@ -14,8 +14,10 @@ from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
 
+from . import enables
 from .cached import BUILD as KEPT
 from .cached import cached
+from .enables import write_where_changed
 from .errors import SimError
 
 BUILD = KEPT / "verilator"
@@ -65,16 +67,17 @@ def _runtime() -> Path:
 
 
 def card_verilog() -> str:
-    """The card of ``boards/simulation.py`` as Verilog, made anew when a source of it changed."""
+    """The card of ``boards/simulation.py`` as Verilog for Verilator, made anew when a source of it changed."""
     repository = Path(__file__).resolve().parent.parent
     folders = [repository / "gateware", repository / "boards", repository / "host" / "magtrak" / "protocol"]
     sources = [path.read_bytes() for folder in folders for path in sorted(folder.rglob("*.py"))]
+    sources.append(Path(enables.__file__).read_bytes())
     with _cached("verilog", importlib.metadata.version("amaranth"), *sources) as (place, folder):
         if folder is not None:
             from boards.simulation import SimulationTop  # imported only here: Amaranth takes a second
             from gateware.verilog import verilog
 
-            (folder / "top.v").write_text(verilog(SimulationTop()))
+            (folder / "top.v").write_text(write_where_changed(verilog(SimulationTop())))
     return (place / "top.v").read_text()
 
 
