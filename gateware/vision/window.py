@@ -8,7 +8,7 @@ from magtrak.reference import centroid
 from magtrak.reference.centroid import HALF_WIDTHS, LANES
 from magtrak.reference.fir import FRACTION
 
-from ..arithmetic import SerialDivider
+from ..arithmetic import Multiply, SerialDivider
 from ..layouts import FrameSettings
 from ..memory import BlockRam
 from .pixels import MeasuredPixel
@@ -106,18 +106,20 @@ class Window(wiring.Component):
                     m.d.comb += half.eq(width)
         next_left, next_right = Signal(signed(13), reset_less=True), Signal(13, reset_less=True)
         left, right = Signal(signed(13), reset_less=True), Signal(13, reset_less=True)
-        parts = [Signal(11, name=f"part{at}", reset_less=True) for at in range(2)]
         added = Signal(8, reset_less=True)
-        base_bits = self.settings.centroid_base
+        m.submodules.multiply = multiply = Multiply(8, 4)
+        taken = Signal()
+        m.d.comb += [multiply.a.eq(self.peak), multiply.b.eq(self.settings.centroid_base)]
+        m.d.sync += taken.eq(self.take)
         with m.If(self.compare):
             m.d.sync += [
                 next_left.eq(self.centre - half),
                 next_right.eq(self.centre + half),
-                parts[0].eq(Mux(base_bits[0], self.peak, 0) + (Mux(base_bits[1], self.peak, 0) << 1)),
-                parts[1].eq(Mux(base_bits[2], self.peak, 0) + (Mux(base_bits[3], self.peak, 0) << 1)),
             ]
         with m.If(self.take):
-            m.d.sync += [left.eq(next_left), right.eq(next_right), added.eq((parts[0] + (parts[1] << 2)) >> 4)]
+            m.d.sync += [left.eq(next_left), right.eq(next_right)]
+        with m.If(taken):
+            m.d.sync += added.eq(multiply.product >> 4)
 
         # Both ends' means are read at all times; those of the clock before `start` count.
         bank = self.row[0]
@@ -204,8 +206,9 @@ class Window(wiring.Component):
         above = [Signal(8, name=f"above{lane}", reset_less=True) for lane in range(LANES)]
         with m.If(active):
             for lane, value in enumerate(above):
-                mix = word.word_select(lane, 8)
-                m.d.sync += value.eq(Mux(mask[lane] & (mix > base), mix - base, 0))
+                left_over = Signal(signed(10), name=f"left_over{lane}")
+                m.d.comb += left_over.eq(word.word_select(lane, 8) - base)
+                m.d.sync += value.eq(Mux(mask[lane] & ~left_over[-1], left_over, 0))
             total, moment = _word_sums(m, above)
 
         # Step READ + SUM is the first in which the sums of a word are here.
