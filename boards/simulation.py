@@ -46,7 +46,7 @@ class SimulationTop(wiring.Component):
     Members
     -------
     video_valid, video_r, video_g, video_b, video_row_first, video_row_last, video_frame_first :
-        a pixel, taken in every clock in which it is valid
+        a pixel, taken in every clock in which it is valid; the core sees it a clock later
     video_frame_end : strobe after the last pixel of an image
     video_field : which rows it has
     rx_valid, rx_data, rx_ready, tx_valid, tx_data, tx_ready : bytes; one moves in each clock
@@ -86,10 +86,13 @@ class SimulationTop(wiring.Component):
         m.d.comb += ClockSignal().eq(self.clk)
         m.submodules.core = core = self.core
         pixel = core.video.pixel
-        m.d.comb += [
+        # Pixels go through a register: Verilator computes twice a clock what depends on an input.
+        m.d.sync += [
             pixel.valid.eq(self.video_valid),
             core.video.frame_end.eq(self.video_frame_end),
             core.video.field.eq(self.video_field),
+        ]
+        m.d.comb += [
             core.rx.valid.eq(self.rx_valid),
             core.rx.payload.eq(self.rx_data),
             self.rx_ready.eq(core.rx.ready),
@@ -98,7 +101,7 @@ class SimulationTop(wiring.Component):
             core.tx.ready.eq(self.tx_ready),
         ]
         for name in ("r", "g", "b", "row_first", "row_last", "frame_first"):
-            m.d.comb += pixel.payload[name].eq(getattr(self, f"video_{name}"))
+            m.d.sync += pixel.payload[name].eq(getattr(self, f"video_{name}"))
         for name, member in _WIRES.items():
             inner, outer = getattr(core, name), getattr(self, name)
             m.d.comb += inner.eq(outer) if member.flow is In else outer.eq(inner)

@@ -19,8 +19,7 @@ class Column(data.Struct):
 
     ``ahead`` counts the gated pixels of the row up to ``run_reach`` columns after it, ``behind`` those more than
     ``run_reach`` columns before it: the gated pixels within reach of a run are ``ahead`` at its last column less
-    ``behind`` at its first. ``left_edge``, ``right_edge``: the row or the region of interest begins, ends with it.
-    ``near_last``: fewer than :data:`~magtrak.reference.fir.REACH` columns follow it in the row.
+    ``behind`` at its first. It has at most 64 bits: a simulation would move wider ones word by word.
     """
 
     column: 12
@@ -32,9 +31,6 @@ class Column(data.Struct):
     row_first: 1
     row_last: 1
     fault: 1
-    left_edge: 1
-    right_edge: 1
-    near_last: 1
     ahead: 12
     behind: 12
 
@@ -51,6 +47,8 @@ class Lookahead(wiring.Component):
     i : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready
     step, mix, row_first : the filter's input: a new column, its mix (a blank repeats the last), whether it begins a
         row; the column stands at ``mix`` from the clock after its step on, until the next step
+    left_edge, right_edge : of the column: the row or the region of interest begins, ends with it
+    near_last : fewer than :data:`~magtrak.reference.fir.REACH` columns follow it in the row
     o : stream of :class:`Column`, always ready; :attr:`latency` clocks after the pixel where columns come one a clock
     """
 
@@ -59,6 +57,9 @@ class Lookahead(wiring.Component):
     step: Out(1)
     mix: Out(8)
     row_first: Out(1)
+    left_edge: Out(1)
+    right_edge: Out(1)
+    near_last: Out(1)
     o: Out(stream.Signature(Column, always_ready=True))
 
     latency = LOOKAHEAD + 1
@@ -135,9 +136,9 @@ class Lookahead(wiring.Component):
             o.weight.eq(weights[LOOKAHEAD]),
             o.ahead.eq(ahead),
             o.behind.eq(behind),
-            o.left_edge.eq(o.row_first | (column == self.settings.column_first)),
-            o.right_edge.eq(o.row_last | (column == self.settings.column_last)),
-            o.near_last.eq(lines["row_last"][LOOKAHEAD - REACH + 1 : LOOKAHEAD + 1].any()),
+            self.left_edge.eq(o.row_first | (column == self.settings.column_first)),
+            self.right_edge.eq(o.row_last | (column == self.settings.column_last)),
+            self.near_last.eq(lines["row_last"][LOOKAHEAD - REACH + 1 : LOOKAHEAD + 1].any()),
         ]
         for name in ("lit", "gate", "saturated", "row_first", "row_last", "fault"):
             m.d.comb += o[name].eq(lines[name][LOOKAHEAD])

@@ -22,8 +22,8 @@ class Peak(wiring.Component):
     """Divides, and writes the record, as :func:`magtrak.reference.measure` defines it.
 
     Two serial dividers work at once, one on the position (in 1/512 px, then rounded), one on the runner-up: its ratio
-    first, then its place. A row that ends while they are at work waits, up to 9 clocks; it can only be shorter than the
-    one before, which breaks the camera's contract.
+    first, then its place. A row that ends while they are at work waits, up to 10 clocks; it can only be shorter than
+    the one before, which breaks the camera's contract.
 
     Parameters
     ----------

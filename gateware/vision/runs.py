@@ -111,6 +111,7 @@ class Runs(wiring.Component):
     settings : ``run_bridge``, ``run_gated`` and ``detector`` are used
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
     falls, distance, rise, contrast, near_first, late : crossing at that column, from :class:`~gateware.vision.fir.Fir`
+    left_edge, right_edge, near_last : of that column, from :class:`~gateware.vision.lookahead.Lookahead`
     place : column of the line in the row before
     valid, o : a :class:`Run`, which stands until the next; whether it counts is not decided here
     """
@@ -123,6 +124,9 @@ class Runs(wiring.Component):
     contrast: In(CONTRAST_BITS)
     near_first: In(1)
     late: In(1)
+    left_edge: In(1)
+    right_edge: In(1)
+    near_last: In(1)
     place: In(12)
     valid: Out(1)
     o: Out(Run())
@@ -180,8 +184,8 @@ class Runs(wiring.Component):
                 at.eq(i.column),
                 weight.eq(i.weight),
                 saturated.eq(i.saturated),
-                at_left.eq(i.left_edge),
-                at_right.eq(i.right_edge),
+                at_left.eq(self.left_edge),
+                at_right.eq(self.right_edge),
                 ahead.eq(i.ahead),
                 behind.eq(i.behind),
             ]
@@ -193,7 +197,7 @@ class Runs(wiring.Component):
                 crossing.rise.eq(self.rise),
                 crossing.contrast.eq(self.contrast),
                 centre.eq(doubled >> 1),
-                over.eq(self.near_first | i.near_last),
+                over.eq(self.near_first | self.near_last),
                 coloured.eq(near >= self.settings.run_gated),
                 # Crossings are at least two columns apart, so the one before has been taken by now.
                 better.eq(self.contrast > run.crossing.contrast),

@@ -31,11 +31,14 @@ class Spread(wiring.Component):
     Members
     -------
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
+    left_edge, right_edge : of that column, from :class:`~gateware.vision.lookahead.Lookahead`
     o : stream of :class:`Gated`, always ready, one per row, :attr:`latency` clocks after its last column; the
         payload stays until the next row's first column has come
     """
 
     column: In(stream.Signature(Column, always_ready=True))
+    left_edge: In(1)
+    right_edge: In(1)
     o: Out(stream.Signature(Gated, always_ready=True))
 
     latency = 1
@@ -56,7 +59,7 @@ class Spread(wiring.Component):
                 o.columns.eq(columns + Mux(i.gate, i.column, 0)),
             ]
             with m.If(i.gate):
-                m.d.sync += [o.last.eq(i.column), o.last_touches.eq(i.right_edge)]
+                m.d.sync += [o.last.eq(i.column), o.last_touches.eq(self.right_edge)]
                 with m.If(total == 0):
-                    m.d.sync += [o.first.eq(i.column), o.first_touches.eq(i.left_edge)]
+                    m.d.sync += [o.first.eq(i.column), o.first_touches.eq(self.left_edge)]
         return m

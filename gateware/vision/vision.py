@@ -21,7 +21,7 @@ from .window import Window
 
 FRAME_END_DELAY = 16
 """Clocks by which ``frame_end`` follows where a result would be: a row that broke the contract by being shorter than
-the one before may wait for the divider for up to 9."""
+the one before may wait for the divider for up to 10."""
 
 
 class Vision(wiring.Component):
@@ -127,6 +127,11 @@ class Vision(wiring.Component):
         m.d.comb += [
             runs.column.p.eq(lookahead.o.p),
             runs.column.valid.eq(lookahead.o.valid),
+            runs.left_edge.eq(lookahead.left_edge),
+            runs.right_edge.eq(lookahead.right_edge),
+            runs.near_last.eq(lookahead.near_last),
+            spread.left_edge.eq(lookahead.left_edge),
+            spread.right_edge.eq(lookahead.right_edge),
             fir.step.eq(lookahead.step),
             fir.mix.eq(lookahead.mix),
             fir.row_first.eq(lookahead.row_first),

@@ -8,7 +8,7 @@ from magtrak.reference import centroid
 from magtrak.reference.centroid import HALF_WIDTHS, LANES
 from magtrak.reference.fir import FRACTION
 
-from ..arithmetic import SerialDivider
+from ..arithmetic import Multiply, SerialDivider
 from ..layouts import FrameSettings
 from ..memory import BlockRam
 from .pixels import MeasuredPixel
@@ -71,8 +71,8 @@ class Window(wiring.Component):
 
     reference = staticmethod(centroid.window)
 
-    READ = 2
-    """Clocks from a word's address to the word: memory, register."""
+    READ = 3
+    """Clocks from ``start`` to the first word: address, memory, register."""
 
     SUM = 4
     """Clocks from a word to the sums that hold it: subtract, three levels of additions."""
@@ -106,18 +106,20 @@ class Window(wiring.Component):
                     m.d.comb += half.eq(width)
         next_left, next_right = Signal(signed(13), reset_less=True), Signal(13, reset_less=True)
         left, right = Signal(signed(13), reset_less=True), Signal(13, reset_less=True)
-        parts = [Signal(11, name=f"part{at}", reset_less=True) for at in range(2)]
         added = Signal(8, reset_less=True)
-        base_bits = self.settings.centroid_base
+        m.submodules.multiply = multiply = Multiply(8, 4)
+        taken = Signal()
+        m.d.comb += [multiply.a.eq(self.peak), multiply.b.eq(self.settings.centroid_base)]
+        m.d.sync += taken.eq(self.take)
         with m.If(self.compare):
             m.d.sync += [
                 next_left.eq(self.centre - half),
                 next_right.eq(self.centre + half),
-                parts[0].eq(Mux(base_bits[0], self.peak, 0) + (Mux(base_bits[1], self.peak, 0) << 1)),
-                parts[1].eq(Mux(base_bits[2], self.peak, 0) + (Mux(base_bits[3], self.peak, 0) << 1)),
             ]
         with m.If(self.take):
-            m.d.sync += [left.eq(next_left), right.eq(next_right), added.eq((parts[0] + (parts[1] << 2)) >> 4)]
+            m.d.sync += [left.eq(next_left), right.eq(next_right)]
+        with m.If(taken):
+            m.d.sync += added.eq(multiply.product >> 4)
 
         # Both ends' means are read at all times; those of the clock before `start` count.
         bank = self.row[0]
@@ -132,9 +134,8 @@ class Window(wiring.Component):
         step = Signal(self.latency + 1)
         m.d.sync += step.eq(Cat(self.start, step))
         result = step[self.READ + self.SUM - 1 + WORDS]
-        active, working = Signal(), Signal()  # from `start` on until the sums are whole
-        m.d.comb += working.eq(self.start | active)
-        m.d.sync += active.eq(working & ~result)
+        active = Signal()  # after `start` until the sums are whole
+        m.d.sync += active.eq((self.start | active) & ~result)
         before, behind = Signal(), Signal()  # an end lies outside the image
         first_word, last_word = Signal(word_bits + 1), Signal(word_bits + 1)
         low, high = Signal(3), Signal(3)  # lanes of the first and the last column
@@ -145,10 +146,13 @@ class Window(wiring.Component):
             clipped_first.eq(Mux(before, 0, left)),
             clipped_last.eq(Mux(behind, self.last_column, right)),
         ]
+        outside = Signal(2)
         bank_held = Signal()
         address = Signal(word_bits + 1)
+        m.d.sync += outside.eq(Cat(before, behind))
         with m.If(self.start):
             m.d.sync += [
+                address.eq((clipped_first >> 3) + (WORDS - 1)),
                 bank_held.eq(bank),
                 first_word.eq(clipped_first >> 3),
                 last_word.eq(clipped_last >> 3),
@@ -159,44 +163,43 @@ class Window(wiring.Component):
         # The base, once the means are here: at most 255, for nothing rises above that.
         bases = [Signal(9, name=f"base{at}", reset_less=True) for at in range(2)]
         brighter = Signal(reset_less=True)
-        shown = [Mux(out, 0, mean) for out, mean in zip((before, behind), end_means, strict=True)]
-        base = Signal(9)
-        base_held = Signal(9, reset_less=True)
-        m.d.comb += base.eq(Mux(step[1], Mux(brighter, bases[1], bases[0]), base_held))
+        shown = [Mux(out, 0, mean) for out, mean in zip(outside, end_means, strict=True)]
+        base = Signal(9, reset_less=True)
         with m.If(active):
             m.d.sync += [
                 *(held.eq(mean + added) for held, mean in zip(bases, shown, strict=True)),
                 brighter.eq(shown[1] > shown[0]),
-                base_held.eq(base),
             ]
+        with m.If(step[1]):
+            m.d.sync += base.eq(Mux(brighter, bases[1], bases[0]))
 
-        # Read from the last word to the first. `index` is the word's distance from the first.
+        # Read from the last word to the first. `number` is that of the word being read, `index` its distance from the
+        # first. Words behind the window's last come before that one.
         read = words.read
         index = Signal(range(WORDS + 1))
-        place = Signal(word_bits + 1)
-        m.d.comb += [
-            place.eq(Mux(self.start, (clipped_first >> 3) + (WORDS - 1), address)),
-            read.en.eq(working),
-            read.addr.eq(Cat(place[:word_bits], Mux(self.start, bank, bank_held))),
-        ]
-        with m.If(working):
-            m.d.sync += address.eq(place - 1)
-        with m.If(self.start):
+        number = Signal(word_bits + 1)
+        m.d.comb += [read.en.eq(active), read.addr.eq(Cat(address[:word_bits], bank_held))]
+        with m.If(active):
+            m.d.sync += [address.eq(address - 1), number.eq(address)]
+        with m.If(step[0]):
             m.d.sync += index.eq(WORDS - 1)
         with m.Elif(index != 0):
             m.d.sync += index.eq(index - 1)
         word = Signal(8 * LANES, reset_less=True)
         mask = Signal(LANES)
         lanes_low, lanes_high = Signal(LANES), Signal(LANES)
-        number = Signal(word_bits + 2)
-        m.d.comb += [number.eq(first_word + index), lanes_low.eq(0xFF << low), lanes_high.eq(C(0xFF, LANES) >> ~high)]
+        is_last, reached = Signal(), Signal()
+        m.d.comb += [
+            is_last.eq(number == last_word),
+            lanes_low.eq(0xFF << low),
+            lanes_high.eq(C(0xFF, LANES) >> ~high),
+        ]
         with m.If(active):
             m.d.sync += [
+                reached.eq(~step[0] & (reached | is_last)),
                 word.eq(read.data),
                 mask.eq(
-                    Mux(number > last_word, 0, 0xFF)
-                    & Mux(index == 0, lanes_low, 0xFF)
-                    & Mux(number == last_word, lanes_high, 0xFF)
+                    Mux(reached | is_last, 0xFF, 0) & Mux(index == 0, lanes_low, 0xFF) & Mux(is_last, lanes_high, 0xFF)
                 ),
             ]
 
@@ -204,8 +207,9 @@ class Window(wiring.Component):
         above = [Signal(8, name=f"above{lane}", reset_less=True) for lane in range(LANES)]
         with m.If(active):
             for lane, value in enumerate(above):
-                mix = word.word_select(lane, 8)
-                m.d.sync += value.eq(Mux(mask[lane] & (mix > base), mix - base, 0))
+                left_over = Signal(signed(10), name=f"left_over{lane}")
+                m.d.comb += left_over.eq(word.word_select(lane, 8) - base)
+                m.d.sync += value.eq(Mux(mask[lane] & ~left_over[-1], left_over, 0))
             total, moment = _word_sums(m, above)
 
         # Step READ + SUM is the first in which the sums of a word are here.
