@@ -36,7 +36,7 @@ CHANGES = {
     "[[803.2, 0, 324.7], [0, 801.9, 236.2], [0, 0, 1]]": "[[602.4, 0, 243.4], [0, 601.4, 177.0], [0, 0, 1]]",
     "row_time_us = 41": "row_time_us = 54",
     "zero_deg = -16.3": "zero_deg = 3.1",
-    "frames = 300\nstart_deg = 1\nend_deg = 46": "frames = 60\nstart_deg = 0\nend_deg = 11",
+    "frames = 300\nstart_deg = 1\nend_deg = 46": "frames = 40\nstart_deg = 0\nend_deg = 11",
 }
 WALL = Plane(pose=pose_of((0, 0, 2000), np.radians([3, 5, 0])))
 
