@@ -80,9 +80,9 @@ def test_the_rig_is_found(rig, found):
 def test_a_plane_would_be_flat_and_in_its_place(rig, found):
     error: PlaneError = plane_error(true_rig(str(rig)), Calibration.load(found), 2000.0)
     print(error)
-    assert error.form < 0.5
-    assert error.place < 5
-    assert abs(error.scale) < 1e-3
+    assert error.form < 0.6
+    assert error.place < 9
+    assert abs(error.scale) < 6e-4
 
 
 def test_a_scanned_wall_is_flat_and_in_its_place(cloud):
