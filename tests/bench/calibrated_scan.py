@@ -35,7 +35,8 @@ from tests.support.calibrated_scan import (
 from tests.support.calibration_rig import plane_error
 
 DISTANCES_M = (0.5, 1.0, 2.0, 3.0)
-SCENES = {"artefacts-close": "0.5 m", "artefacts-near": "0.75 to 1 m", "artefacts": "2 m", "artefacts-far": "3 m"}
+CLOSE = f"{Path(__file__).with_name('artefacts-close.toml')}"
+SCENES = {CLOSE: "0.5 m", "artefacts-near": "0.75 to 1 m", "artefacts": "2 m", "artefacts-far": "3 m"}
 WITH_GOALS = "artefacts"
 """What is asked for is asked for at 2 m."""
 
@@ -98,7 +99,7 @@ def _artefacts(folder: Path, scene: str, found: Path) -> Iterator[Figure]:
     """Each artefact of a scene against what it is."""
     at, limits = SCENES[scene], scene == WITH_GOALS
     surfaces = Scene.load(scene).surfaces
-    cloud = read_ply(replay(recording(scene), found, folder / f"{scene}.ply"))
+    cloud = read_ply(replay(recording(scene), found, folder / f"{Path(scene).stem}.ply"))
     balls = sorted((item for item in surfaces if isinstance(item, Sphere)), key=lambda item: float(item.pose[0, 3]))
     sizes, places, gaps = _spheres(cloud, balls)
     yield _goal(f"spheres at {at}, worst radius", sizes, "mm", 0.15 if limits else None)

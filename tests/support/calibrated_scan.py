@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from magtrak.calibration import Calibration
+from magtrak.validate.virtual import COLOUR
 from sim.cached import BUILD, cached
 from sim.scene import FOLDER, Scene
 from sim.session import timing_of
@@ -20,12 +21,6 @@ from tests.support.virtual import run, virtual_card
 RIG = "rig"
 KEPT = BUILD / "calibrated_scan"
 ROOT = BUILD.parent
-
-SETTINGS = """
-[weight]
-mix = [-0.5, 1.0, -0.5]
-"""
-"""The room's light is white and shades round things, which would pull the line: green less the others is without it."""
 
 BINARY = '[peak]\ndetector = "binary"\n'
 """The paper's way: the mean of the gated pixels. To be replayed with ``--angle bare``."""
@@ -107,7 +102,7 @@ def true_calibration(session: Path, path: Path) -> Path:
     return path
 
 
-def recording(scene: str, settings: str = SETTINGS) -> Path:
+def recording(scene: str, settings: str = COLOUR) -> Path:
     """A scan of a scene (name or file) as the card sent it: ``scan.mcap``.
 
     Its settings tell by how much the scan's time offset differs from the session's: half the difference of the

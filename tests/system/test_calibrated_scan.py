@@ -1,7 +1,7 @@
 """From simulated pictures to a calibration to a scan, everything by its command; ``python -m tests.bench
 calibrated_scan`` does it at full size.
 
-480 x 360 pixels and ten views instead of 640 x 480 and thirty, so the limits are wider than what is asked for there.
+480 x 360 pixels and nine views instead of 640 x 480 and thirty, so the limits are wider than what is asked for there.
 The rig's zero, leaning plane, distortion and time offset are known to the judge alone.
 """
 
@@ -36,7 +36,7 @@ CHANGES = {
     "[[803.2, 0, 324.7], [0, 801.9, 236.2], [0, 0, 1]]": "[[602.4, 0, 243.4], [0, 601.4, 177.0], [0, 0, 1]]",
     "row_time_us = 41": "row_time_us = 54",
     "zero_deg = -16.3": "zero_deg = 3.1",
-    "frames = 300\nstart_deg = 1\nend_deg = 46": "frames = 60\nstart_deg = 0\nend_deg = 11",
+    "frames = 300\nstart_deg = 1\nend_deg = 46": "frames = 30\nstart_deg = 0\nend_deg = 11",
 }
 WALL = Plane(pose=pose_of((0, 0, 2000), np.radians([3, 5, 0])))
 
@@ -56,7 +56,7 @@ def rig(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def found(rig, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("calibrated")
-    session = take_session(Pictures(str(rig), views=10, frames=3), folder)
+    session = take_session(Pictures(str(rig), views=9, frames=3), folder)
     print(calibrate(session, folder / "calibration.json"))
     return folder / "calibration.json"
 
@@ -80,9 +80,9 @@ def test_the_rig_is_found(rig, found):
 def test_a_plane_would_be_flat_and_in_its_place(rig, found):
     error: PlaneError = plane_error(true_rig(str(rig)), Calibration.load(found), 2000.0)
     print(error)
-    assert error.form < 0.5
-    assert error.place < 5
-    assert abs(error.scale) < 1e-3
+    assert error.form < 0.6
+    assert error.place < 9
+    assert abs(error.scale) < 6e-4
 
 
 def test_a_scanned_wall_is_flat_and_in_its_place(cloud):

@@ -83,6 +83,9 @@ def board(output: Path, name: str, **changes: object) -> None:
 @click.option("--legacy/--no-legacy", default=None, help="Pattern of OpenCV before 4.6.")
 @click.option("--pairs", is_flag=True, help="SOURCE is a CSV of x,y,z,u,v: the paper's linear model.")
 @click.option("--size", type=(int, int), metavar="W H", help="Of the picture, px, for --pairs.")
+@click.option("--live", "port", metavar="PORT", help="Take pictures from this card into the folder SOURCE first.")
+@click.option("--views", type=click.IntRange(min=1), default=30, show_default=True, help="For --live.")
+@click.option("--baud", type=click.IntRange(min=1), default=3_000_000, show_default=True, help="For --live.")
 @click.option("--laser-from", type=PATH, metavar="FILE.json", help="Keep the laser of this calibration.")
 @click.option("--picture", type=PATH, metavar="FILE.png", help="Draw coverage and residuals.")
 def camera(
@@ -91,11 +94,18 @@ def camera(
     name: str,
     pairs: bool,
     size: tuple[int, int] | None,
+    port: str | None,
+    views: int,
+    baud: int,
     laser_from: Path | None,
     picture: Path | None,
     **changes: object,
 ) -> None:
-    """Calibrate the camera from SOURCE: a session, a folder of pictures of one board, or point pairs."""
+    """Calibrate the camera from SOURCE: a session, a folder of pictures of one board, or point pairs.
+
+    With --live the board is shown to the running camera: a picture is kept whenever the board is at rest in a new
+    place, and what is covered is told. Ctrl-C ends it early; a second call goes on where it ended.
+    """
     with _sentences():
         from ..calibrate import procedure, session
         from ..calibration import Calibration
@@ -104,6 +114,8 @@ def camera(
         if pairs:
             _linear(source, output, size, previous)
             return
+        if port is not None:
+            _live(source, port, baud, _board(name, changes), views)
         if (source / "session.json").exists():
             taken = session.load(source)
         else:
@@ -272,6 +284,29 @@ def check(source: Path, calibration: Path, name: str, **changes: object) -> None
         if found.findings:
             raise SystemExit(1)
         print("still good")
+
+
+def _live(folder: Path, port: str, baud: int, board: Board, views: int) -> None:
+    """Pictures from a card into a folder, until there are enough, it goes away, or Ctrl-C."""
+    from ..calibrate.live import ViewTaker, take_views
+    from ..errors import CalibrationError, EndOfStreamError
+    from .common import connected
+
+    if (folder / "session.json").exists():
+        raise CalibrationError(f"{folder} is a session: give --live a folder of its own for the pictures")
+    taker = ViewTaker(board, folder)
+    said = ""
+    with connected(port, baud) as card:
+        print(f"show board {board.name} {taker.wanted()}, at rest; {taker.views} of {views} views are taken")
+        try:
+            for step in take_views(card, taker, views):
+                if step.text != said:
+                    print(step.text, flush=True)
+                if step.taken is not None:
+                    print(taker.coverage(), flush=True)
+                said = step.text
+        except (EndOfStreamError, KeyboardInterrupt):
+            print(f"ended with {taker.views} of {views} views")
 
 
 def _session(source: Path) -> Session:

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from ..validate.virtual import Recording
 
 PATH = click.Path(path_type=Path)
+VIRTUAL = click.option(
+    "--virtual", type=PATH, metavar="DIR", help="Record with the virtual card into this folder first."
+)
 
 
 @click.group()
@@ -29,9 +32,7 @@ def artefact(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--picture", "drawing", type=PATH, metavar="FILE.png", help="Draw the residuals."),
         click.option("--scene", metavar="NAME|FILE.toml", help="Scene for --virtual, if not the usual one."),
         click.option("--scans", type=click.IntRange(1, 20), default=1, show_default=True, help="For --virtual."),
-        click.option(
-            "--virtual", type=PATH, metavar="DIR", help="Record with the virtual card into this folder first."
-        ),
+        VIRTUAL,
         click.argument("clouds", type=PATH, nargs=-1),
     ):
         command = option(command)
@@ -41,9 +42,7 @@ def artefact(command: Callable[..., Any]) -> Callable[..., Any]:
 def boarded(command: Callable[..., Any]) -> Callable[..., Any]:
     """Options of a test that wants a picture of a board."""
     for option in (
-        click.option(
-            "--virtual", type=PATH, metavar="DIR", help="Record with the virtual card into this folder first."
-        ),
+        VIRTUAL,
         click.option("--target", type=PATH, metavar="FILE.json", help="What is printed on the board(s)."),
         click.option("--board-picture", type=PATH, metavar="FILE.png", help="The board(s), laser off."),
         click.option("--calibration", type=PATH, metavar="FILE.json", help="Of camera and laser."),

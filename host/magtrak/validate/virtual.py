@@ -7,6 +7,12 @@ from typing import IO
 
 from ..errors import MagtrakError
 
+COLOUR = """
+[weight]
+mix = [-0.5, 1.0, -0.5]
+"""
+"""The room's light is white and shades round things, which pulls the line: green less the others is without it."""
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -59,6 +65,7 @@ def record(
         if boards:
             call(["python", "-m", "sim.photo", scene, f"{picture}", "--target", f"{target}"], log)
         binary.write_text(settings.read_text() + '[peak]\ndetector = "binary"\n')
+        settings.write_text(settings.read_text() + COLOUR)
         receive = ["magtrak-recv", "--calibration", f"{calibration}"]
         clouds = []
         for number in range(scans):
