@@ -142,7 +142,7 @@ def check(board: Board, result: Result) -> None:
     BoardError
         Names those that are not.
     """
-    slow = [f"{name} reaches {result.mhz[name]:.1f} of {result.wanted_mhz[name]:g} MHz" for name in result.slow]
+    slow = [f"{name} reaches {result.mhz[name]:.1f} of {result.wanted_mhz[name]:.4g} MHz" for name in result.slow]
     if slow:
         raise BoardError(
             f"{board.name} does not meet its timing: {' and '.join(slow)}; report.json in the build's folder has the"
@@ -196,15 +196,16 @@ def _read(place: Path, digest: str, seconds: float) -> Result:
 
 def _plain(net: str) -> str:
     """A clock's name without what nextpnr adds."""
-    name = net.removeprefix("$glbnet$").removesuffix("_$glb_clk").rsplit(".", 1)[-1]
-    return name.removeprefix("clk_")
+    name = net.removeprefix("$glbnet$").removesuffix("$SB_IO_IN").removesuffix("_$glb_clk").rsplit(".", 1)[-1]
+    name = name.removesuffix("clk").removesuffix("_") if name.endswith("clk") else name.removeprefix("clk_")
+    return name or "sync"
 
 
 def summary(board: Board, result: Result) -> str:
     """A build in one line."""
     units = UNITS[board.family]
     counts = (f"{result.used[unit]} of {result.available[unit]} {unit}" for unit in list(asdict(units).values())[:3])
-    clocks = ", ".join(f"{name} {mhz:.0f} MHz (of {result.wanted_mhz[name]:g})" for name, mhz in result.mhz.items())
+    clocks = ", ".join(f"{name} {mhz:.0f} MHz (of {result.wanted_mhz[name]:.4g})" for name, mhz in result.mhz.items())
     return f"{board.name}: {', '.join(counts)}; {clocks}; built in {result.seconds:.0f} s"
 
 

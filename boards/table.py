@@ -21,7 +21,7 @@ def line(name: str, link: str, result: Result) -> str:
     units = UNITS[BOARDS[name].family]
     counts = [f"{result.used[unit]} of {result.available[unit]}" for unit in (units.cells, units.memories)]
     multipliers = f"{result.used[units.multipliers]} of {result.available[units.multipliers]}"
-    clocks = ", ".join(f"{clock} {mhz:.0f} ({result.wanted_mhz[clock]:g})" for clock, mhz in result.mhz.items())
+    clocks = ", ".join(f"{clock} {mhz:.0f} ({result.wanted_mhz[clock]:.4g})" for clock, mhz in result.mhz.items())
     return f"| `{name}` | {link} | {clocks} | {counts[0]} | {counts[1]} | {multipliers} | {result.seconds:.0f} |"
 
 
