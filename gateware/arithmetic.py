@@ -1,10 +1,11 @@
-"""Products and quotients without an inferred multiplier: shift, add, subtract, one row of carries a clock."""
+"""Delays, sums, products and quotients, one row of carries a clock."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, ShapeCastable, Signal, Value, signed, unsigned
+from amaranth.hdl import Cat, Module, Mux, Shape, ShapeCastable, ShapeLike, Signal, Value, signed, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 WORD_BITS = 64
+MULTIPLIER_BITS = 18
 
 
 def delayed(m: Module, value, clocks: int, name: str):
@@ -26,7 +27,7 @@ def delayed(m: Module, value, clocks: int, name: str):
 
 
 def adder_tree(terms: list, register):
-    """The sum of ``terms``, two at a time, with a register per level; the levels are :func:`tree_latency`.
+    """The sum of ``terms``, two at a time, with a register per level.
 
     ``register(value, name)`` makes a register that holds ``value``.
     """
@@ -41,120 +42,47 @@ def adder_tree(terms: list, register):
     return terms[0]
 
 
-def tree_latency(terms: int) -> int:
-    """Clocks that :func:`adder_tree` takes for so many terms."""
-    return (terms - 1).bit_length()
-
-
 class Multiply(wiring.Component):
-    """A product of an unsigned and a signed number, one per clock, by shift and add.
+    """A product per clock, of factors of up to 18 bits: what FPGAs have multipliers for.
 
-    Latency is constant and throughput one a clock; a board with a registered hardware multiplier may put that
-    in its place with the same latency.
+    Both factors and the product go through a register. Where the tools don't put those into the multiplier itself, a
+    board's platform has the method ``get_multiplier(multiply)``, which returns what takes this component's place:
+    it drives ``product`` :attr:`latency` clocks after the factors.
 
     Parameters
     ----------
-    unsigned_bits : width of ``a``
-    signed_bits : width of ``b``, at least 2
+    a_shape, b_shape : of the factors, signed or not
 
     Members
     -------
-    a : unsigned factor
-    b : signed factor
+    a, b : factors
     product : ``a * b`` of :attr:`latency` clocks ago; exact, it can't overflow
 
     Raises
     ------
     ValueError
-        A width is too small.
+        A factor is too wide, or has no bits.
     """
 
-    def __init__(self, unsigned_bits: int, signed_bits: int) -> None:
-        if unsigned_bits < 1:
-            raise ValueError(f"unsigned_bits is {unsigned_bits}; at least 1 is needed")
-        if signed_bits < 2:
-            raise ValueError(f"signed_bits is {signed_bits}; at least 2 are needed")
-        self.unsigned_bits = unsigned_bits
-        self.signed_bits = signed_bits
-        super().__init__(
-            {
-                "a": In(unsigned_bits),
-                "b": In(signed(signed_bits)),
-                "product": Out(signed(unsigned_bits + signed_bits)),
-            }
-        )
+    def __init__(self, a_shape: ShapeLike, b_shape: ShapeLike) -> None:
+        a, b = Shape.cast(a_shape), Shape.cast(b_shape)
+        for name, shape in (("a", a), ("b", b)):
+            if not 1 <= shape.width <= MULTIPLIER_BITS:
+                raise ValueError(f"factor {name} has {shape.width} bits; 1 to {MULTIPLIER_BITS} are possible")
+        product = Shape(a.width + b.width, a.signed or b.signed)
+        super().__init__({"a": In(a), "b": In(b), "product": Out(product)})
 
-    @property
-    def latency(self) -> int:
-        """Clocks from the factors to the product."""
-        return tree_latency(self.signed_bits)
+    latency = 2
+    """Clocks from the factors to the product."""
 
     def elaborate(self, platform):
+        if hasattr(platform, "get_multiplier"):
+            return platform.get_multiplier(self)
         m = Module()
-        terms = [Mux(self.b[bit], self.a, 0) << bit for bit in range(self.signed_bits - 1)]
-        terms.append(-(Mux(self.b[-1], self.a, 0) << (self.signed_bits - 1)))  # the sign bit's weight is negative
-        m.d.comb += self.product.eq(adder_tree(terms, lambda value, name: delayed(m, value, 1, name)))
-        return m
-
-
-class PipelinedDivider(wiring.Component):
-    """An unsigned quotient per clock: restoring division, two bits of the quotient a stage.
-
-    The first stage finds three times the divisor, and the first bit where their number is odd.
-    Source: any text on computer arithmetic, e.g. B. Parhami, *Computer Arithmetic*, sections 13.2 and 14.2.
-
-    Parameters
-    ----------
-    divisor_bits : width of the divisor
-    quotient_bits : width of the quotient
-
-    Members
-    -------
-    dividend : less than ``divisor << quotient_bits``; otherwise the quotient is meaningless
-    divisor : not 0
-    quotient : ``dividend // divisor`` of :attr:`latency` clocks ago
-
-    Raises
-    ------
-    ValueError
-        A width is less than 1.
-    """
-
-    def __init__(self, divisor_bits: int, quotient_bits: int) -> None:
-        if divisor_bits < 1 or quotient_bits < 1:
-            raise ValueError(f"a divider of {divisor_bits} and {quotient_bits} bits; at least 1 each is needed")
-        self.divisor_bits = divisor_bits
-        self.quotient_bits = quotient_bits
-        super().__init__(
-            {
-                "dividend": In(divisor_bits + quotient_bits),
-                "divisor": In(divisor_bits),
-                "quotient": Out(quotient_bits),
-            }
-        )
-
-    @property
-    def latency(self) -> int:
-        """Clocks from dividend and divisor to the quotient."""
-        return 1 + self.quotient_bits // 2
-
-    def elaborate(self, platform):
-        m = Module()
-        # The dividend's low bits leave at the top while the quotient's enter at the bottom.
-        bits, rest = self.dividend[: self.quotient_bits], self.dividend[self.quotient_bits :]
-        divisor, triple = self.divisor, _triple(self.divisor)
-        for stage in range(self.latency):
-            digit = Const(0, 0)
-            if stage > 0:
-                rest, digit = _divide_two_bits(m, rest, bits[-2:], divisor, triple, f"{stage}")
-            elif self.quotient_bits % 2:
-                rest, digit = _divide_bit(m, rest, bits[-1], divisor, f"{stage}")
-            bits = delayed(m, Cat(digit, bits)[: self.quotient_bits], 1, f"bits{stage}")
-            rest = delayed(m, rest, 1, f"rest{stage}")
-            if stage + 1 < self.latency:
-                divisors = delayed(m, Cat(divisor, triple), 1, f"divisors{stage}")
-                divisor, triple = divisors[: self.divisor_bits], divisors[self.divisor_bits :]
-        m.d.comb += self.quotient.eq(bits)
+        a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
+        product = Signal.like(self.product, reset_less=True)
+        m.d.sync += [a.eq(self.a), b.eq(self.b), product.eq(a * b)]
+        m.d.comb += self.product.eq(product)
         return m
 
 

@@ -145,14 +145,14 @@ class Core(wiring.Component):
             buffer.line_errors.eq(self.line_errors),
             buffer.moving.eq(link.tx.valid & link.tx.ready),
             buffer.image.field.eq(admission.field),
-            buffer.image.generation.eq(registers.generation),
+            buffer.start.generation.eq(registers.generation),
             buffer.image.form.eq(registers.now.form),
             buffer.image.laser_on.eq(motion.laser_on_whole_frame),
             buffer.image.speed_in_band.eq(motion.speed_in_band_whole_frame),
             buffer.image.motor_stopped.eq(motion.motor_state.stopped),
         ]
         for name in ("detector", "exposure_us", "time_offset_ns"):
-            m.d.comb += buffer.image[name].eq(registers.frame[name])
+            m.d.comb += buffer.start[name].eq(registers.frame[name])
         for name, _ in data.Layout.cast(MotionFacts):
             m.d.comb += buffer.motion[name].eq(getattr(motion, name))
 

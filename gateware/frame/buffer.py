@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from magtrak.protocol import MAX_EDGES
 
 from ..layouts import Edge, Rows
-from .facts import FrameReader, ImageFacts, MotionFacts, VisionFacts
+from .facts import FrameReader, ImageFacts, MotionFacts, StartFacts, VisionFacts
 from .header import HeaderStore
 from .rows import RowStore
 
@@ -33,6 +33,7 @@ class FrameBuffer(wiring.Component):
     frame_first : strobe: the first pixel of an image
     refused : strobe: an image that came was not let in; counted as seen and dropped
     frame_end : strobe: the image is over; after its last pixel and before the next ``frame_first``
+    start : of the image, from the clock after its ``frame_first`` on for :data:`~gateware.frame.facts.STEADY_CLOCKS`
     image : sampled at ``frame_end``
     rows, vision : results of the images, in order; ``vision`` as of ``rows.frame_end``
     take : strobe at ``frame_end`` of an image that has a buffer
@@ -55,6 +56,7 @@ class FrameBuffer(wiring.Component):
                 "frame_first": In(1),
                 "refused": In(1),
                 "frame_end": In(1),
+                "start": In(StartFacts),
                 "image": In(ImageFacts),
                 "rows": In(Rows()),
                 "vision": In(VisionFacts),
@@ -99,10 +101,13 @@ class FrameBuffer(wiring.Component):
             rows.accepted.eq(accepts),
             rows.into.eq(into),
             rows.vision.eq(self.vision),
-            header.take.eq(self.take),
-            header.into.eq(filling),
-            header.image.eq(self.image),
+            header.begin.eq(self.frame_first & accepts),
+            header.into.eq(into),
+            header.start.eq(self.start),
             header.number.eq(self.number),
+            header.take.eq(self.take),
+            header.ends.eq(filling),
+            header.image.eq(self.image),
             header.taken.eq(self.taken),
             header.motion.eq(self.motion),
             header.dropped.eq(self.dropped),
@@ -118,15 +123,6 @@ class FrameBuffer(wiring.Component):
             header.index.eq(reader.word_index),
             reader.word.eq(header.word),
             reader.ready.eq(complete.bit_select(sending, 1)),
-            reader.contents.form.eq(Mux(sending, header.form[1], header.form[0])),
-            reader.contents.edges.eq(Mux(sending, header.edges[1], header.edges[0])),
-            reader.contents.rows.eq(
-                Mux(
-                    Mux(sending, header.rowless[1], header.rowless[0]),
-                    0,
-                    Mux(sending, rows.facts[1].rows, rows.facts[0].rows),
-                )
-            ),
         ]
         connect(m, flipped(self.rows), rows.rows)
         for bank in range(2):

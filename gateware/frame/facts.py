@@ -17,14 +17,23 @@ EDGE_BASE = 1 << (HEADER_WORDS - 1).bit_length()
 WORDS = EDGE_BASE + MAX_EDGES * EDGE_WORDS
 
 
-class ImageFacts(data.Struct):
-    """Settings and laser, as of the end of the image."""
+STEADY_CLOCKS = 100
+"""How long what is known at the beginning of an image stays so at least, and what is known of its motion."""
+
+
+class StartFacts(data.Struct):
+    """Settings of the image: from the clock after its first pixel on for :data:`STEADY_CLOCKS` at least."""
 
     generation: 16
-    form: 1
     detector: 8
     exposure_us: 32
     time_offset_ns: signed(32)
+
+
+class ImageFacts(data.Struct):
+    """Form and laser, as of the end of the image."""
+
+    form: 1
     laser_on: 1
     speed_in_band: 1
     motor_stopped: 1
@@ -61,14 +70,6 @@ class RowFacts(data.Struct):
     lost: 1
 
 
-class Contents(data.Struct):
-    """What the buffer of a complete frame holds."""
-
-    form: 1
-    rows: 16
-    edges: range(MAX_EDGES + 1)
-
-
 class FrameReader(wiring.Signature):
     """How a complete frame is read from its buffer.
 
@@ -79,8 +80,7 @@ class FrameReader(wiring.Signature):
     Members
     -------
     ready : a frame waits; the members below speak of it
-    contents : what it has
-    word_index, word : words of header and edge log, 2 clocks later
+    word_index, word : words of header and edge log, 2 clocks later; the header says what else the frame has
     row_index, row : its rows, 2 clocks later
     done : strobe: it is no longer needed
     """
@@ -89,7 +89,6 @@ class FrameReader(wiring.Signature):
         super().__init__(
             {
                 "ready": Out(1),
-                "contents": Out(Contents),
                 "word_index": In(range(WORDS)),
                 "word": Out(32),
                 "row_index": In(range(max_rows)),

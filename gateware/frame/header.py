@@ -1,47 +1,62 @@
 """Headers and edge logs of two frames."""
 
+from itertools import pairwise
+
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import FRAME, FRAME_FLAGS, MAX_EDGES, Layout, Phase
 
 from ..layouts import Edge, Field
-from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, WORDS, ImageFacts, MotionFacts, RowFacts
+from ..memory import BlockRam
+from ..select import one_of
+from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, WORDS, ImageFacts, MotionFacts, RowFacts, StartFacts
+
+_EDGE_BITS = EDGE_BASE.bit_length() - 1
+
+_START_WORDS = [
+    next(at for at, field in FRAME if field.name == name) // 32 for name in ("frame", "exposure_us", "time_offset_ns")
+]
+"""Words of the header that are known at the beginning of an image. The first one is 0."""
 
 
 class HeaderStore(wiring.Component):
     """Puts the headers of frames together, each in one of two banks, as 32-bit words.
 
-    A header's parts come at three moments: ``take``, later ``taken``, and ``filled`` before or after
-    it. Edges are copied from ``taken`` on, the header from the later of the two moments on.
+    A header's parts come at four moments: ``begin``, ``take``, later ``taken``, and ``filled`` before or after
+    it. What is wide goes to the memory as soon as it is known: settings and number after ``begin``, edges after
+    ``taken``, all else after the later of the last two moments.
 
-    The copy takes at most ``copy_clocks`` from ``taken``, or 24 from ``filled``. The next ``taken``
+    That takes at most ``copy_clocks`` from ``taken``, or 30 from ``filled``. The next ``taken``
     must not come earlier: images are at least 112 clocks apart, which is enough.
 
     Members
     -------
-    take, into : strobe: an accepted image ends; its bank, which is not that of a header still to be completed
-    image, number : sampled then
+    begin, into : strobe: an image that is accepted begins; its bank, which is not that of a header still to be
+        completed
+    start, number : of that image, from the clock after on for :data:`~gateware.frame.facts.STEADY_CLOCKS`
+    take, ends : strobe: an accepted image ends; its bank
+    image : sampled then
     taken : strobe for each ``take``, in order: its motion is known
     motion, dropped, damaged_commands, line_errors : sampled then
     edge_index, edge : entry of the edge log as of ``taken``; ``edge`` follows the index by a clock
     filled : of each bank: its rows are complete; high until the frame was sent
     rows : of each bank: what is known of its rows
     complete, complete_bank : strobe: the header in this bank is complete
-    edges, form : of each bank, as its header says
-    rowless : of each bank: the image was not measured, and its rows are not sent
     bank, index : word to read
     word : that word, 2 clocks later
     """
 
-    copy_clocks = EDGE_WORDS * MAX_EDGES + HEADER_WORDS + 6
+    copy_clocks = EDGE_WORDS * MAX_EDGES + HEADER_WORDS + 12
 
-    take: In(1)
+    begin: In(1)
     into: In(1)
-    image: In(ImageFacts)
+    start: In(StartFacts)
     number: In(32)
+    take: In(1)
+    ends: In(1)
+    image: In(ImageFacts)
     taken: In(1)
     motion: In(MotionFacts)
     dropped: In(32)
@@ -53,33 +68,37 @@ class HeaderStore(wiring.Component):
     rows: In(RowFacts).array(2)
     complete: Out(1)
     complete_bank: Out(1)
-    edges: Out(range(MAX_EDGES + 1)).array(2)
-    form: Out(1).array(2)
-    rowless: Out(1).array(2)
     bank: In(1)
     index: In(range(WORDS))
     word: Out(32)
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.memory = memory = Memory(shape=32, depth=2 * WORDS, init=[])
-        write = memory.write_port()
-        read = memory.read_port()
+        # As with the rows, a bank is read while it is written only before it is complete.
+        m.submodules.memory = memory = BlockRam(32, 2 * WORDS)
+        write, read = memory.write, memory.read
         m.d.comb += [read.addr.eq(Cat(self.index, self.bank)), read.en.eq(1)]
         m.d.sync += self.word.eq(read.data)
 
-        images = [Signal(ImageFacts, name=f"image{bank}") for bank in range(2)]
-        numbers = [Signal(32, name=f"number{bank}") for bank in range(2)]
-        for bank in range(2):
-            with m.If(self.take & (self.into == bank)):
-                m.d.sync += [images[bank].eq(self.image), numbers[bank].eq(self.number)]
-            m.d.comb += [self.form[bank].eq(images[bank].form), self.rowless[bank].eq(_rowless(images[bank].phase))]
+        started, starting = Signal(), Signal()  # settings are to be written, into this bank
+        with m.If(self.begin):
+            m.d.sync += [started.eq(1), starting.eq(self.into)]
 
+        # What is narrow waits in registers.
+        kept = data.StructLayout({"generation": 16, "detector": 8})
+        starts = [Signal(kept, name=f"start{bank}") for bank in range(2)]
+        images = [Signal(ImageFacts, name=f"image{bank}") for bank in range(2)]
+        for bank in range(2):
+            with m.If(self.take & (self.ends == bank)):
+                m.d.sync += images[bank].eq(self.image)
+
+        due = Signal()  # a header is to be copied
         motion = Signal(MotionFacts)
         dropped = Signal(32)
         damaged, lost = Signal(16), Signal(16)
         with m.If(self.taken):
             m.d.sync += [
+                due.eq(1),
                 motion.eq(self.motion),
                 dropped.eq(self.dropped),
                 damaged.eq(self.damaged_commands),
@@ -92,23 +111,26 @@ class HeaderStore(wiring.Component):
         m.d.comb += [rest.eq(Mux(self.taken, queue >> 1, queue)), left.eq(waiting - self.taken)]
         m.d.sync += [queue.eq(rest), waiting.eq(left + self.take)]
         with m.If(self.take):
-            m.d.sync += queue.bit_select(left[0], 1).eq(self.into)
+            m.d.sync += queue.bit_select(left[0], 1).eq(self.ends)
 
         copying = Signal()  # bank
         with m.If(self.taken):
             m.d.sync += copying.eq(queue[0])
-        image = {name: Mux(copying, images[1][name], images[0][name]) for name, _ in data.Layout.cast(ImageFacts)}
-        number = Mux(copying, numbers[1], numbers[0])
-        rows = {name: Mux(copying, self.rows[1][name], self.rows[0][name]) for name in ("rows", "lost")}
-        vision = {name: Mux(copying, *(self.rows[n].vision[name] for n in (1, 0))) for name in ("errors", "columns")}
+        of_start, image, rows = Signal(kept), Signal(ImageFacts), Signal(RowFacts)
+        m.d.comb += [
+            of_start.eq(Mux(copying, starts[1], starts[0])),
+            image.eq(Mux(copying, images[1], images[0])),
+            rows.eq(Mux(copying, self.rows[1], self.rows[0])),
+        ]
         flags = {name: image[name] for name in ("speed_in_band", "laser_on", "motor_stopped")} | {
             "index_seen": motion.index_seen,
             "encoder_fault": motion.encoder_fault,
-            "camera_fault": vision["errors"].any(),
-            "rows_lost": rows["lost"],
+            "camera_fault": rows.vision.errors.as_value().any(),
+            "rows_lost": rows.lost,
         }
         values = (
-            {name: image[name] for name in ("generation", "form", "detector", "phase", "exposure_us", "time_offset_ns")}
+            {name: of_start[name] for name in kept.members}
+            | {name: image[name] for name in ("form", "phase", "field")}
             | {name: motion[name] for name in ("edges", "edge_shift", "index_passes", "index_count", "encoder_errors")}
             | {
                 f"{when}_{name}": motion[when][name]
@@ -116,65 +138,72 @@ class HeaderStore(wiring.Component):
                 for name in ("time", "count", "age", "period")
             }
             | {
-                "frame": number,
                 "flags": _packed(FRAME_FLAGS, flags),
-                "camera_errors": vision["errors"],
-                "rows": Mux(_rowless(image["phase"]), 0, rows["rows"]),
-                "columns": vision["columns"],
+                "camera_errors": rows.vision.errors,
+                "rows": Mux((image.phase == Phase.BACKGROUND) | (image.phase == Phase.SKIPPED), 0, rows.rows),
+                "columns": rows.vision.columns,
                 "dropped": dropped,
                 "damaged_commands": damaged,
-                "field": image["field"],
-                "row_step": Mux(image["field"] == Field.PROGRESSIVE, 1, 2),
-                "first_row": image["field"] == Field.ODD,
+                "row_step": Mux(image.field == Field.PROGRESSIVE, 1, 2),
+                "first_row": image.field == Field.ODD,
                 "line_errors": lost,
             }
         )
-        # Not a signal: of a word that is written alone its fields are put together, and nothing at other times.
-        header = _packed(FRAME, values)
+        # All that is ever written: the header, with number and settings of the image that begins, and the edge. Not a
+        # signal: of a word that is written its fields are put together, and nothing at other times.
+        values |= {name: self.start[name] for name in ("exposure_us", "time_offset_ns")} | {"frame": self.number}
+        words = Cat(_packed(FRAME, values), self.edge)
+        hot = Signal(HEADER_WORDS + EDGE_WORDS)  # the word to be written, at this address
+        at = Signal(range(2 * WORDS))
 
-        step = Signal(range(EDGE_WORDS * MAX_EDGES + 1))
-        m.d.sync += [write.en.eq(0), self.complete.eq(0)]
+        step = Signal(range(EDGE_WORDS * MAX_EDGES))  # word of header or log
+        logged = Signal()  # the edges are copied
         m.d.comb += self.edge_index.eq(step // EDGE_WORDS)
+        m.d.sync += [hot.eq(0), write.addr.eq(at), write.en.eq(hot.any()), self.complete.eq(0)]
+        with m.If(hot.any()):
+            m.d.sync += write.data.eq(one_of([words[32 * n : 32 * (n + 1)] for n in range(len(hot))], hot))
         with m.FSM():
             with m.State("Wait"):
                 m.d.sync += step.eq(0)
-                with m.If(self.taken):
+                with m.If(started):
+                    m.next = "Start"
+                with m.Elif(due & ~logged):
                     m.next = "Edges"
-
-            with m.State("Edges"):
-                # The edge that is here belongs to the index of the clock before.
-                m.d.sync += [
-                    step.eq(step + 1),
-                    write.en.eq(step != 0),
-                    write.addr.eq(Cat((step - 1)[: EDGE_BASE.bit_length() - 1], 1, copying)),
-                    write.data.eq(self.edge.as_value().word_select((step - 1)[0], 32)),
-                ]
-                with m.If(step == EDGE_WORDS * MAX_EDGES):
-                    m.d.sync += step.eq(0)
-                    m.next = "Rows"
-
-            with m.State("Rows"):
-                with m.If(self.filled.bit_select(copying, 1)):
+                with m.Elif(due & self.filled.bit_select(copying, 1)):
                     m.next = "Header"
 
-            with m.State("Header"):
+            with m.State("Start"):
+                m.d.sync += [started.eq(0), hot.eq(1 << step), at.eq(Cat(step[:_EDGE_BITS], 0, starting))]
+                for bank in range(2):
+                    with m.If(starting == bank):
+                        m.d.sync += [starts[bank][name].eq(self.start[name]) for name in kept.members]
+                with m.Switch(step):
+                    for word, following in pairwise(_START_WORDS):
+                        with m.Case(word):
+                            m.d.sync += step.eq(following)
+                    with m.Default():
+                        m.next = "Wait"
+
+            with m.State("Edges"):
+                # The edge follows the index by a clock, as `hot` does.
                 m.d.sync += [
                     step.eq(step + 1),
-                    write.en.eq(1),
-                    write.addr.eq(Cat(step[: EDGE_BASE.bit_length() - 1], 0, copying)),
+                    hot[HEADER_WORDS:].eq(1 << step % EDGE_WORDS),
+                    at.eq(Cat(step[:_EDGE_BITS], 1, copying)),
                 ]
-                with m.Switch(step):
-                    for word in range(HEADER_WORDS):
-                        with m.Case(word):
-                            m.d.sync += write.data.eq(header[32 * word : 32 * (word + 1)])
+                with m.If(step == EDGE_WORDS * MAX_EDGES - 1):
+                    m.d.sync += logged.eq(1)
+                    m.next = "Wait"
+
+            with m.State("Header"):
+                m.d.sync += [step.eq(step + 1), hot.eq(1 << step), at.eq(Cat(step[:_EDGE_BITS], 0, copying))]
+                for word in _START_WORDS:  # are there
+                    m.d.sync += hot[word].eq(0)
                 with m.If(step == HEADER_WORDS - 1):
                     m.next = "Complete"
 
             with m.State("Complete"):
-                m.d.sync += [self.complete.eq(1), self.complete_bank.eq(copying)]
-                for bank in range(2):
-                    with m.If(copying == bank):
-                        m.d.sync += self.edges[bank].eq(motion.edges)
+                m.d.sync += [self.complete.eq(1), self.complete_bank.eq(copying), due.eq(0), logged.eq(0)]
                 m.next = "Wait"
 
         return m
@@ -189,7 +218,3 @@ def _packed(layout: Layout, values: dict) -> Value:
         parts.append(Cat(value, extension)[: field.bits])
     assert not values, f"{layout.name} has no fields {sorted(values)}"
     return Cat(parts)
-
-
-def _rowless(phase: Value) -> Value:
-    return (phase == Phase.BACKGROUND) | (phase == Phase.SKIPPED)

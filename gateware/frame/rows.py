@@ -2,10 +2,10 @@
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from ..layouts import Row, Rows
+from ..memory import BlockRam
 from .facts import RowFacts, VisionFacts
 
 
@@ -58,9 +58,10 @@ class RowStore(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.memory = memory = Memory(shape=Row, depth=2 * self.max_rows, init=[])
-        write = memory.write_port()
-        read = memory.read_port()
+        # Read and written at once only before a bank is complete, when what is read is not used: in each clock the word
+        # is read again.
+        m.submodules.memory = memory = BlockRam(Row, 2 * self.max_rows)
+        write, read = memory.write, memory.read
 
         # Images whose results are to come, the oldest first: whether each was accepted, and its bank.
         expected = data.ArrayLayout(data.StructLayout({"accepted": 1, "bank": 1}), 2)

@@ -1,7 +1,7 @@
 """The reduced picture of the room without the laser."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import memory, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak import reference
@@ -11,6 +11,7 @@ from magtrak.reference.ambient import MAX_SHIFT, MIN_CELLS
 from ..arithmetic import delayed
 from ..features import DEFAULT_CELLS
 from ..layouts import FrameSettings
+from ..memory import BlockRam
 from .weight import Weight
 
 BANK_CELLS = 2048
@@ -30,6 +31,9 @@ class Background(wiring.Component):
     as small as the memory allows. Blocks lie in the memory one after the other, so that images of any shape use it up;
     their addresses are counted, not multiplied. An image's size is known at its end: the first one of another size
     has the old background subtracted.
+
+    What is read while it is written does not matter: only images without anything subtracted are written, and in those
+    a block's word counts where a row enters the block, a row's blanking after it was written last.
 
     One pixel a clock. ``value`` comes :attr:`latency` clocks after the pixel, together with the mix.
 
@@ -118,10 +122,10 @@ class Background(wiring.Component):
                     m.d.sync += base.eq(following)
         banks = [self._bank(m, number) for number in range(-(-self.cells // BANK_CELLS))]
         read_words = []
-        for number, (read, _) in enumerate(banks):
+        for number, bank in enumerate(banks):
             word = Signal(8, name=f"word{number}", reset_less=True)
-            m.d.comb += [read.addr.eq(address), read.en.eq(1)]
-            m.d.sync += word.eq(read.data)
+            m.d.comb += [bank.read.addr.eq(address), bank.read.en.eq(1)]
+            m.d.sync += word.eq(bank.read.data)
             read_words.append(word)
         picked = delayed(m, address >> _BANK_BITS, _READ_CLOCKS - 1, "picked")
         stored = Signal(8, reset_less=True)
@@ -142,11 +146,11 @@ class Background(wiring.Component):
         place = delayed(m, address, clocks, "address")
         keeps = Signal()
         m.d.sync += keeps.eq(writes & taking & ~full)
-        for number, (_, write) in enumerate(banks):
+        for number, bank in enumerate(banks):
             m.d.comb += [
-                write.addr.eq(place),
-                write.data.eq(greatest),
-                write.en.eq(keeps & (place >> _BANK_BITS == number)),
+                bank.write.addr.eq(place),
+                bank.write.data.eq(greatest),
+                bank.write.en.eq(keeps & (place >> _BANK_BITS == number)),
             ]
         with m.If(writes):
             m.d.sync += greatest.eq(Mux(self.mix > before, self.mix, before))
@@ -177,7 +181,7 @@ class Background(wiring.Component):
         m.d.comb += self.value.eq(Mux(self.subtracting, stored, 0))
         return m
 
-    def _bank(self, m: Module, number: int) -> tuple[memory.ReadPort, memory.WritePort]:
+    def _bank(self, m: Module, number: int) -> BlockRam:
         depth = min(BANK_CELLS, self.cells - number * BANK_CELLS)
-        m.submodules[f"bank{number}"] = store = memory.Memory(shape=8, depth=depth, init=[])
-        return store.read_port(), store.write_port()
+        m.submodules[f"bank{number}"] = bank = BlockRam(8, depth)
+        return bank

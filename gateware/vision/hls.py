@@ -1,14 +1,14 @@
 """RGB to hue, luminance and saturation, one pixel a clock."""
 
-from typing import NamedTuple
+from functools import cache
 
-from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, wiring
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
+from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak import reference
 
-from ..arithmetic import PipelinedDivider, delayed
+from ..arithmetic import MULTIPLIER_BITS, Multiply, delayed
 
 
 class Colour(data.Struct):
@@ -19,20 +19,73 @@ class Colour(data.Struct):
     saturation: 8
 
 
-class Sextant(NamedTuple):
-    """A sixth of the hue circle, from one of the pure or mixed colours to the next.
+SEXTANTS = ((0, 3), (43, 1), (85, 5), (128, 3), (171, 1), (213, 5))
+"""Sixths of the hue circle: red to yellow, to green, to cyan, to blue, to magenta, to red.
 
-    ``start`` is the hue (1/256 turn) from which the quotient counts, ``offset`` what 6 * 256 * hue lies above it at its
-    beginning, in units of delta, with half a step added to round: the exact start is 256 / 6 * k of sextant k, so
-    ``offset = 256 * k + 3 - 6 * start``.
+Each has the hue (1/256 turn) from which its quotient counts, and what 6 * 256 * hue lies above that at its beginning,
+in units of delta, with half a step added to round: the exact start is 256 / 6 * k of sextant k, so the second number is
+256 * k + 3 - 6 * start."""
+
+HUE_BITS, SATURATION_BITS = 17, 16
+"""Bits after the point of the products."""
+
+OFFSET_BITS = 10
+"""Bits after the point of what a sextant adds to its product."""
+
+SATURATIONS = 512
+"""Where the factors of the saturation begin in the table."""
+
+
+def hue_offset(offset: int) -> int:
+    """A sextant's second number divided by 6, rounded up: Q3.10."""
+    return -(-(offset << OFFSET_BITS) // 6)
+
+
+SIZES = (64, 16, 4)
+"""Divisors below these are scaled by 4, 16, 64, and so are the numbers that they divide."""
+
+
+def shift(divisor: int) -> int:
+    """Bits by which a divisor of 8 bits is scaled."""
+    return 2 * sum(divisor < size for size in SIZES)
+
+
+@cache
+def factors() -> tuple[int, ...]:
+    """Reciprocals for all differences (0 to 255) of the hue, then for all sums (0 to 510) of the saturation.
+
+    Each is the least number of which every product, shifted and rounded as :class:`HLS` does, is right: there is such a
+    number for each divisor, which is why the multiplication is exact. 18 bits are enough since both factors are scaled
+    by the divisor's size.
+
+    Raises
+    ------
+    ArithmeticError
+        There is none: the bits after the point are too few.
     """
+    hues, saturations = [0], [0]
+    for delta in range(1, 256):
+        bounds = [
+            ((256 * way + offset * delta) // (6 * delta), hue_offset(offset) << (HUE_BITS - OFFSET_BITS), way)
+            for way in range(1, delta + 1)
+            for _, offset in SEXTANTS[:3]
+        ]
+        hues.append(_factor(bounds, HUE_BITS, shift(delta)))
+    for total in range(1, 511):
+        span = min(total, 510 - total)
+        half = 1 << (SATURATION_BITS - 1)
+        bounds = [((510 * delta + span) // (2 * span), half, delta) for delta in range(1, span + 1)]
+        saturations.append(_factor(bounds, SATURATION_BITS, shift(span)) if span else 0)
+    return (*hues, *[0] * (SATURATIONS - len(hues)), *saturations)
 
-    start: int
-    offset: int
 
-
-SEXTANTS = (Sextant(0, 3), Sextant(43, 1), Sextant(85, 5), Sextant(128, 3), Sextant(171, 1), Sextant(213, 5))
-"""Red to yellow, to green, to cyan, to blue, to magenta, to red."""
+def _factor(bounds: list[tuple[int, int, int]], bits: int, up: int) -> int:
+    """The least factor with ``((number << up) * factor + added) >> bits == quotient`` for all of ``bounds``."""
+    least = max(-(-((quotient << bits) - added) // (number << up)) for quotient, added, number in bounds)
+    most = min((((quotient + 1) << bits) - 1 - added) // (number << up) for quotient, added, number in bounds)
+    if not least <= most < 1 << MULTIPLIER_BITS:
+        raise ArithmeticError(f"no factor of {MULTIPLIER_BITS} bits: {least} to {most}")
+    return least
 
 
 class HLS(wiring.Component):
@@ -41,6 +94,9 @@ class HLS(wiring.Component):
     One pixel a clock, constant latency, no state from one pixel to the next. The reference counts hue by thirds of
     the circle; sixths are the same numbers and keep the quotient at 6 bits: within a sextant one channel moves from
     the least to the greatest or back, by ``way``, and ``hue = start + (256 * way + offset * delta) // (6 * delta)``.
+    Saturation is the difference of greatest and least, divided by their sum or by what is missing to twice white.
+
+    Instead of dividing it multiplies by reciprocals from a table (:func:`factors`) of one block RAM, exactly.
 
     Members
     -------
@@ -55,84 +111,82 @@ class HLS(wiring.Component):
 
     reference = staticmethod(reference.hls)
 
-    PREPARE = 4
-    latency = PREPARE + 5
-    """Clocks from the pixel to its colour: one more than half the bits of the longer quotient after the four."""
+    latency = 6 + Multiply.latency
+    """Clocks from the pixel to its colour: order, sort, subtract, look up, hold, multiply, add."""
 
     def elaborate(self, platform):
         m = Module()
-        # Both quotients are halved above and below. They are at most 43 and 255.
-        m.submodules.divide_hue = divide_hue = PipelinedDivider(10, 6)
-        m.submodules.divide_saturation = divide_saturation = PipelinedDivider(8, 8)
-        assert self.latency == self.PREPARE + divide_saturation.latency == self.PREPARE + divide_hue.latency + 1
-
         # 1: order
         rg, gb, rb = Signal(), Signal(), Signal()
         m.d.sync += [rg.eq(self.r >= self.g), gb.eq(self.g >= self.b), rb.eq(self.r >= self.b)]
         r, g, b = (delayed(m, getattr(self, name), 1, name) for name in "rgb")
 
-        # 2: greatest, least, the two of which `way` is the difference, and what depends on the sextant. Greys are in
-        # the first, which starts at 0.
+        # 2: greatest, least, the two of which `way` is the difference, and the sextant. Greys are in the first, which
+        # starts at 0.
         high, low, plus, minus = (Signal(8, reset_less=True, name=n) for n in ("high", "low", "plus", "minus"))
-        start, twice, four_times = Signal(8, reset_less=True), Signal(reset_less=True), Signal(reset_less=True)
-
-        def sextant(number: int):
-            offset = SEXTANTS[number].offset
-            return [start.eq(SEXTANTS[number].start), twice.eq(offset == 1 + 2), four_times.eq(offset == 1 + 4)]
-
+        sextant = Signal(range(len(SEXTANTS)), reset_less=True)
         with m.If(rg & rb):
-            m.d.sync += [high.eq(r), minus.eq(b)]
-            with m.If(gb):
-                m.d.sync += [plus.eq(g), *sextant(0)]
-            with m.Else():
-                m.d.sync += [plus.eq(r), *sextant(5)]
+            m.d.sync += [high.eq(r), minus.eq(b), plus.eq(Mux(gb, g, r)), sextant.eq(Mux(gb, 0, 5))]
         with m.Elif(gb):
-            m.d.sync += [high.eq(g), minus.eq(r)]
-            with m.If(rb):
-                m.d.sync += [plus.eq(g), *sextant(1)]
-            with m.Else():
-                m.d.sync += [plus.eq(b), *sextant(2)]
+            m.d.sync += [high.eq(g), minus.eq(r), plus.eq(Mux(rb, g, b)), sextant.eq(Mux(rb, 1, 2))]
         with m.Else():
-            m.d.sync += [high.eq(b), minus.eq(g)]
-            with m.If(rg):
-                m.d.sync += [plus.eq(r), *sextant(4)]
-            with m.Else():
-                m.d.sync += [plus.eq(b), *sextant(3)]
+            m.d.sync += [high.eq(b), minus.eq(g), plus.eq(Mux(rg, r, b)), sextant.eq(Mux(rg, 4, 3))]
         m.d.sync += low.eq(Mux(rb & gb, b, Mux(~rg & ~rb, r, g)))
 
-        # 3
+        # 3: subtract
         delta, total, way = Signal(8, reset_less=True), Signal(9, reset_less=True), Signal(8, reset_less=True)
         m.d.sync += [delta.eq(high - low), total.eq(high + low), way.eq(plus - minus)]
-        twice, four_times = delayed(m, twice, 1, "twice"), delayed(m, four_times, 1, "four_times")
 
-        # 4
-        offset, three_delta = Signal(11, reset_less=True), Signal(10, reset_less=True)
-        span, scaled = Signal(8, reset_less=True), Signal(16, reset_less=True)
-        luminance, grey = Signal(8, reset_less=True), Signal(reset_less=True)
-        multiple = (delta << 1) & twice.replicate(9) | (delta << 2) & four_times.replicate(10)
+        # 4 and 5: look up, and hold what comes from the block RAM
+        table = memory.Memory(shape=MULTIPLIER_BITS, depth=2 * SATURATIONS, init=factors())
+        m.submodules.table = table
+        up_hue = Signal(2, reset_less=True)
+        up_saturation = Signal(2, reset_less=True)
+        over = total ^ 0x1FF  # what is missing to twice white, and 1
         m.d.sync += [
-            offset.eq(multiple + delta),
-            three_delta.eq((delta << 1) + delta),
-            span.eq(Mux(total[8], 510 - total, total)),
-            scaled.eq((delta << 8) - delta),
-            luminance.eq((total + 1) >> 1),
-            grey.eq(delta == 0),
+            up_hue.eq(_up([_at_least(delta, size) for size in SIZES])),
+            up_saturation.eq(_up([_at_least(total, size) & _above(over, size) for size in SIZES])),
         ]
-        way = delayed(m, way, 1, "way")
+        products = []
+        for name, address, number, up in (
+            ("hue", delta, way, up_hue),
+            ("saturation", Cat(total, Const(1, 1)), delta, up_saturation),
+        ):
+            port = table.read_port()
+            m.d.comb += [port.addr.eq(address), port.en.eq(1)]
+            number = delayed(m, number, 1, f"{name}_number")
+            scaled = Signal(8, name=f"{name}_scaled", reset_less=True)
+            m.d.sync += scaled.eq(Array(number << 2 * steps for steps in range(4))[up])
+            m.submodules[f"multiply_{name}"] = multiply = Multiply(8, MULTIPLIER_BITS)
+            m.d.comb += [multiply.a.eq(scaled), multiply.b.eq(delayed(m, port.data, 1, f"{name}_factor"))]
+            products.append(multiply.product)
 
-        # 5 on: dividends of at most 261 * 255 / 2 < 2**16 and 255.5 * 255 < 2**16. Those of a grey are less than their
-        # divisors, which its bit keeps from 0.
-        m.d.comb += [
-            divide_hue.dividend.eq((way << 7) + (offset >> 1)),
-            divide_hue.divisor.eq(three_delta | grey),
-            divide_saturation.dividend.eq(scaled + (span >> 1)),
-            divide_saturation.divisor.eq(span | grey),
+        # 8: add and round
+        hue, saturation = Signal(8 + OFFSET_BITS, reset_less=True), Signal(8, reset_less=True)
+        starts = Array((start << OFFSET_BITS) + hue_offset(offset) for start, offset in SEXTANTS)
+        m.d.sync += [
+            hue.eq((products[0] >> (HUE_BITS - OFFSET_BITS)) + starts[delayed(m, sextant, 5, "sextant")]),
+            saturation.eq((products[1] >> SATURATION_BITS) + products[1][SATURATION_BITS - 1]),
         ]
-        hue = Signal(8, reset_less=True)
-        m.d.sync += hue.eq(delayed(m, start, self.latency - 3, "start") + divide_hue.quotient)
         m.d.comb += [
-            self.o.hue.eq(hue),
-            self.o.luminance.eq(delayed(m, luminance, self.latency - 4, "luminance")),
-            self.o.saturation.eq(divide_saturation.quotient),
+            self.o.hue.eq(hue >> OFFSET_BITS),
+            self.o.luminance.eq(delayed(m, (total + 1) >> 1, self.latency - 3, "luminance")),
+            self.o.saturation.eq(saturation),
         ]
         return m
+
+
+def _up(reached: list):
+    """In how many steps of 4 a divisor is scaled that reaches these of :data:`SIZES`."""
+    return Cat(~reached[0] & (reached[1] | ~reached[2]), ~reached[1])
+
+
+def _at_least(value, size: int):
+    """``value >= size``, a power of two."""
+    return value[size.bit_length() - 1 :].any()
+
+
+def _above(value, size: int):
+    """``value > size``, a power of two."""
+    bit = size.bit_length() - 1
+    return value[bit + 1 :].any() | (value[bit] & value[:bit].any())

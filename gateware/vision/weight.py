@@ -8,7 +8,7 @@ from magtrak import reference
 from magtrak.protocol import register
 from magtrak.reference.weight import FRACTION_BITS
 
-from ..arithmetic import Multiply, delayed, tree_latency
+from ..arithmetic import Multiply, delayed
 from ..layouts import FrameSettings
 
 COEFFICIENT_BITS = register("weight_r").bits
@@ -43,8 +43,8 @@ class Weight(wiring.Component):
     reference_mix = staticmethod(reference.mix)
     reference_weight = staticmethod(reference.weight)
 
-    raw_latency = tree_latency(COEFFICIENT_BITS) + 3
-    """Clocks from the pixel to its mix: product, two sums, clip."""
+    raw_latency = Multiply.latency + 4
+    """Clocks from the pixel to its mix: hold, for multipliers lie far away; product, two sums, clip."""
 
     latency = raw_latency + 2
     """Clocks from the pixel to its weight: background, floor."""
@@ -53,8 +53,9 @@ class Weight(wiring.Component):
         m = Module()
         products = []
         for name in "rgb":
-            m.submodules[f"multiply_{name}"] = multiply = Multiply(8, COEFFICIENT_BITS)
-            m.d.comb += [multiply.a.eq(getattr(self, name)), multiply.b.eq(self.settings[f"weight_{name}"])]
+            m.submodules[f"multiply_{name}"] = multiply = Multiply(8, signed(COEFFICIENT_BITS))
+            held = delayed(m, getattr(self, name), 1, name)
+            m.d.comb += [multiply.a.eq(held), multiply.b.eq(self.settings[f"weight_{name}"])]
             products.append(multiply.product)
 
         # |product| <= 512 * 255 < 2**17, so the sum of three and 128 is below 2**19 in magnitude.

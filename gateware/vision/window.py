@@ -2,7 +2,6 @@
 
 from amaranth.hdl import C, Cat, Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from magtrak.reference import centroid
@@ -11,6 +10,7 @@ from magtrak.reference.fir import FRACTION
 
 from ..arithmetic import SerialDivider
 from ..layouts import FrameSettings
+from ..memory import BlockRam
 from .pixels import MeasuredPixel
 
 FRACTION_BITS = (FRACTION - 1).bit_length()
@@ -27,7 +27,8 @@ class Window(wiring.Component):
     the last to the first. Moments come without multipliers: within a word by adding up, over the words by double
     accumulation.
 
-    Memory: two rows of mix, in 64-bit words, and of means. Both are read into registers.
+    Memory: two rows of mix, in 64-bit words, and of means, twice. What is read while it is written does not matter: a
+    row is measured in the blanking after it or while the next one is written into the other half.
 
     Parameters
     ----------
@@ -35,13 +36,15 @@ class Window(wiring.Component):
 
     Members
     -------
-    settings : ``centroid_window`` and ``centroid_base`` are used pixel : stream of
-    :class:`~gateware.vision.pixels.MeasuredPixel`, always ready; at least 7 blank clocks follow a row compare,
-    centre, peak : strobe: a run's place and greatest weight; it may be taken in the next clock take : strobe: it is,
-    so it is what will be measured start : strobe: the row is over, and what was taken last is measured row,
-    last_column : row that ended and its last column, from two clocks before ``start`` on position : in 1/256 px,
-    :attr:`latency` clocks after ``start``, until the next some : something rose above the base; else ``position``
-    means nothing whole : the window lies within the image
+    settings : ``centroid_window`` and ``centroid_base`` are used
+    pixel : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready; at least 7 blank clocks follow a row
+    compare, centre, peak : strobe: a run's place and greatest weight; it may be taken in the next clock
+    take : strobe: it is, so it is what will be measured
+    start : strobe: the row is over, and what was taken last is measured
+    row, last_column : row that ended and its last column, from two clocks before ``start`` on
+    position : in 1/256 px, :attr:`latency` clocks after ``start``, until the next
+    some : something rose above the base; else ``position`` means nothing
+    whole : the window lies within the image
     """
 
     def __init__(self, max_columns: int = 2048) -> None:
@@ -84,9 +87,16 @@ class Window(wiring.Component):
         m.submodules.divider = divider = self._divider
         columns_bits = (self.max_columns - 1).bit_length()
         word_bits, group_bits = columns_bits - 3, columns_bits - 2
-        m.submodules.words = words = Memory(shape=8 * LANES, depth=2 << word_bits, init=[])
-        m.submodules.means = means = Memory(shape=8, depth=2 << group_bits, init=[])
-        self._write(m, words.write_port(), means.write_port(), columns_bits)
+        m.submodules.words = words = BlockRam(8 * LANES, 2 << word_bits)
+        m.submodules.means_left = means_left = BlockRam(8, 2 << group_bits)
+        m.submodules.means_right = means_right = BlockRam(8, 2 << group_bits)
+        means = (means_left, means_right)
+        self._write(m, words.write, means_left.write, columns_bits)
+        m.d.comb += [
+            means_right.write.addr.eq(means_left.write.addr),
+            means_right.write.data.eq(means_left.write.data),
+            means_right.write.en.eq(means_left.write.en),
+        ]
 
         # What will be measured: the bounds of its window, and what its peak adds to the base.
         half = Signal(5)
@@ -110,14 +120,13 @@ class Window(wiring.Component):
             m.d.sync += [left.eq(next_left), right.eq(next_right), added.eq((parts[0] + (parts[1] << 2)) >> 4)]
 
         # Both ends' means are read at all times; those of the clock before `start` count.
-        ends = [means.read_port(), means.read_port()]
         bank = self.row[0]
         end_means = [Signal(8, name=f"end{at}", reset_less=True) for at in range(2)]
-        for port, end, value in zip(
-            ends, (Mux(self.take, next_left, left), Mux(self.take, next_right, right)), end_means, strict=True
+        for ram, end, value in zip(
+            means, (Mux(self.take, next_left, left), Mux(self.take, next_right, right)), end_means, strict=True
         ):
-            m.d.comb += [port.en.eq(1), port.addr.eq(Cat(end[2 : 2 + group_bits], bank))]
-            m.d.sync += value.eq(port.data)
+            m.d.comb += [ram.read.en.eq(1), ram.read.addr.eq(Cat(end[2 : 2 + group_bits], bank))]
+            m.d.sync += value.eq(ram.read.data)
 
         # Steps after `start`: one-hot, 1 in the clock after.
         step = Signal(self.latency + 1)
@@ -162,7 +171,7 @@ class Window(wiring.Component):
             ]
 
         # Read from the last word to the first. `index` is the word's distance from the first.
-        read = words.read_port()
+        read = words.read
         index = Signal(range(WORDS + 1))
         place = Signal(word_bits + 1)
         m.d.comb += [

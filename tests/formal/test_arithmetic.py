@@ -5,8 +5,8 @@ from amaranth.hdl import Assert, Assume, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
-from gateware.arithmetic import PipelinedDivider, SerialDivider
-from tests.support.formal import past, prove
+from gateware.arithmetic import SerialDivider
+from tests.support.formal import prove
 
 
 def possible(dut, dividend, divisor):
@@ -16,26 +16,6 @@ def possible(dut, dividend, divisor):
 def exact(dividend, divisor, quotient):
     """Whether the quotient is right, by the definition and not by another division."""
     return (quotient * divisor <= dividend) & (dividend < (quotient + 1) * divisor)
-
-
-class PipelinedIsExact(wiring.Component):
-    """One division a clock."""
-
-    def __init__(self, divisor_bits: int, quotient_bits: int) -> None:
-        self.dut = PipelinedDivider(divisor_bits, quotient_bits)
-        super().__init__({"dividend": In(divisor_bits + quotient_bits), "divisor": In(divisor_bits)})
-
-    def elaborate(self, platform):
-        m = Module()
-        m.submodules.dut = dut = self.dut
-        m.d.comb += [
-            dut.dividend.eq(self.dividend),
-            dut.divisor.eq(self.divisor),
-            Assume(possible(dut, self.dividend, self.divisor)),
-        ]
-        dividend, divisor = past(m, self.dividend, dut.latency), past(m, self.divisor, dut.latency)
-        m.d.comb += Assert((divisor == 0) | exact(dividend, divisor, dut.quotient))  # 0: nothing has come that far
-        return m
 
 
 class SerialIsExact(wiring.Component):
@@ -66,11 +46,6 @@ class SerialIsExact(wiring.Component):
             Assert(~dut.done | exact(dividend, divisor, dut.quotient)),
         ]
         return m
-
-
-def test_pipelined_divider_is_exact():
-    """An odd bit first, then two at a time."""
-    prove(PipelinedIsExact(3, 5), "prove", 5)
 
 
 @pytest.mark.parametrize(("quotient_bits", "bits_per_clock"), [(3, 1), (5, 2)])

@@ -173,7 +173,7 @@ class AnyHeaderStore(wiring.Component):
         m = Module()
         numbers, open_ = [Signal(32, name=f"number{n}") for n in range(2)], Signal(2)
         for bank in range(2):
-            with m.If(self.take & (self.into == bank)):
+            with m.If(self.take & (self.ends == bank)):
                 m.d.sync += [numbers[bank].eq(self.number), open_[bank].eq(1)]
         first = Mux(self.now, 1, 0)  # of the two banks
         m.d.comb += [
@@ -240,7 +240,8 @@ class FramesAreWhole(wiring.Component):
         with m.If(same):
             m.d.comb += [Assert(reader.ready), Assert(reader.word == number)]
         index, written = past(m, past(m, self.index)), Signal(2)
-        m.d.comb += written.eq(reader.contents.rows)
+        rows = dut.row_store
+        m.d.comb += written.eq(Mux(rows.bank, rows.facts[1].rows, rows.facts[0].rows))
         with m.If(for_two & same & (index < written)):
             m.d.comb += Assert(reader.row.position[:4] == reader.word[:4])
         return m

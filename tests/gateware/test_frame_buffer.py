@@ -12,7 +12,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from gateware.frame.assembler import FrameAssembler
 from gateware.frame.buffer import FrameBuffer
-from gateware.frame.facts import ImageFacts, MotionFacts, VisionFacts
+from gateware.frame.facts import STEADY_CLOCKS, ImageFacts, MotionFacts, StartFacts, VisionFacts
 from gateware.layouts import Packets
 from magtrak.protocol import COMPACT_ROW, EDGE, FRAME, FRAME_FLAGS, FULL_ROW, FieldParity, Phase, RowForm
 from tests.support.simulation import simulate
@@ -76,6 +76,7 @@ class Image:
 
     def __init__(self, rng, rows, form=None):
         self.rows = [any_record(rng, FULL_ROW) | {"position": rng.randrange(1 << 19)} for _ in range(rows)]
+        self.start = any_facts(rng, StartFacts)
         self.image = any_facts(rng, ImageFacts) | ({} if form is None else {"form": int(form)})
         self.motion = any_facts(rng, MotionFacts)
         self.vision = any_facts(rng, VisionFacts)
@@ -101,6 +102,7 @@ class Image:
             }
         )
         header = {
+            **self.start,
             **{name: value for name, value in self.image.items() if name not in FLAGS},
             "field": field,
             **{name: self.motion[name] for name in ("edges", "edge_shift", "index_passes", "index_count")},
@@ -141,6 +143,8 @@ def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, d
     at = 1
     for number, image in enumerate(images):
         events[at].append((dut.frame_first, 1))
+        for when in range(at + 1, at + 1 + STEADY_CLOCKS):
+            events[when].append((dut.start, image.start))
         end = at + max(len(image.rows) * row_clocks + 2, SHORTEST - gap)
         for row, record in enumerate(image.rows):
             when = at + (row + 1) * row_clocks + delays[0]
@@ -159,7 +163,7 @@ def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, d
             for strobe in (dut.frame_first, dut.rows.row.valid, dut.frame_end, dut.rows.frame_end, dut.taken):
                 ctx.set(strobe, 0)
             # Outside the moments at which they are sampled the facts are something else.
-            for facts in (dut.image, dut.vision, dut.motion):
+            for facts in (dut.start, dut.image, dut.vision, dut.motion):
                 ctx.set(facts, facts.shape().from_bits(clock & 0x3F))
             ctx.set(dut.edge, log[index] if log else {})
             for target, value in events.pop(clock, ()):

@@ -1,12 +1,20 @@
 """What makes the pixel path fast, in its netlist for an ECP5."""
 
+from collections import Counter
+
 import pytest
 from amaranth.hdl import Module, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
+from gateware.memory import BlockRam
 from gateware.vision.vision import Vision
-from tests.support.synthesis import ECP5, bare_reads, netlist
+from tests.support.synthesis import ECP5, ICE40, bare_reads, netlist
+
+
+@pytest.fixture
+def collisions_show():
+    """Here it is the RAM itself that counts."""
 
 
 def multipliers(top) -> list[str]:
@@ -52,3 +60,32 @@ def test_both_would_be_found(tmp_path, registers):
     top = netlist(Both(registers), ECP5, tmp_path)
     assert multipliers(top)
     assert bool(bare_reads(top)) == (registers == 0)
+
+
+@pytest.mark.parametrize("device", [ECP5, ICE40], ids=lambda device: device.name)
+def test_block_ram_stands_alone(tmp_path, device):
+    """Nothing looks for collisions; on an iCE40 a LUT at each bit gives the 0 that is read before the first read."""
+    top = netlist(BlockRam(16, 1024), device, tmp_path)
+    kinds = Counter(cell["type"] for cell in top["cells"].values() if cell["type"] != "$scopeinfo")
+    assert kinds == ({"DP16KD": 1} if device is ECP5 else {"SB_RAM40_4K": 4, "SB_LUT4": 16, "SB_DFFE": 1})
+
+
+class Promising(wiring.Component):
+    """What :class:`BlockRam` stands instead of."""
+
+    def __init__(self) -> None:
+        super().__init__(BlockRam(16, 1024).signature)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.words = words = memory.Memory(shape=16, depth=1024, init=[])
+        write, read = words.write_port(), words.read_port()
+        for inner, outer in ((write, self.write), (read, self.read)):
+            m.d.comb += [inner.addr.eq(outer.addr), inner.en.eq(outer.en)]
+        m.d.comb += [write.data.eq(self.write.data), self.read.data.eq(read.data)]
+        return m
+
+
+def test_logic_around_a_block_ram_would_be_found(tmp_path):
+    top = netlist(Promising(), ECP5, tmp_path)
+    assert sum(cell["type"] in ("LUT4", "TRELLIS_FF") for cell in top["cells"].values()) > 50

@@ -4,7 +4,17 @@ import colorsys
 
 import numpy as np
 
-from gateware.vision.hls import HLS
+from gateware.vision.hls import (
+    HLS,
+    HUE_BITS,
+    OFFSET_BITS,
+    SATURATION_BITS,
+    SATURATIONS,
+    SEXTANTS,
+    factors,
+    hue_offset,
+    shift,
+)
 from magtrak.reference import hls
 from tests.support.simulation import simulate
 
@@ -57,6 +67,25 @@ def test_reference_by_hand():
     assert hue.tolist() == [0, 0, 0, 85, 171, 43, 0, 0]  # 255.83 of (255, 0, 1) closes the circle
     assert luminance.tolist() == [0, 255, 128, 128, 128, 128, 128, 1]
     assert saturation.tolist() == [0, 0, 255, 255, 255, 255, 255, 255]
+
+
+def test_factors_are_exact():
+    """Every difference and every sum, and all numbers that they can divide."""
+    table = np.array(factors())
+    for delta in range(1, 256):
+        way = np.arange(delta + 1)
+        product = (way << shift(delta)) * table[delta]
+        for start, offset in SEXTANTS:
+            exact = start + (256 * way + offset * delta) // (6 * delta)
+            added = (start << OFFSET_BITS) + hue_offset(offset)
+            assert (((product >> (HUE_BITS - OFFSET_BITS)) + added) >> OFFSET_BITS == exact).all(), (delta, start)
+    for total in range(1, 510):
+        span = min(total, 510 - total)
+        delta = np.arange(span + 1)
+        product = (delta << shift(span)) * table[SATURATIONS + total]
+        rounded = (product >> SATURATION_BITS) + (product >> (SATURATION_BITS - 1) & 1)
+        assert (rounded == (510 * delta + span) // (2 * span)).all(), total
+    assert not table[0] and not table[SATURATIONS] and not table[SATURATIONS + 510], "greys"
 
 
 def test_gateware():

