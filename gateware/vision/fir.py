@@ -1,6 +1,6 @@
 """Zero crossings of the smoothed derivative of a row."""
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -24,6 +24,7 @@ class Fir(wiring.Component):
     distance : columns back to the last one where it was positive, at least 1
     rise : the derivative there
     contrast : ``rise`` and the magnitude of the derivative here
+    near_first : that column is one of the first ``REACH`` of the row
     late : ``rise`` is at least that magnitude: the crossing is in the second half of the way from there to here
     """
 
@@ -34,6 +35,7 @@ class Fir(wiring.Component):
     distance: Out(12)
     rise: Out(DERIVATIVE_MAX.bit_length())
     contrast: Out(CONTRAST_MAX.bit_length())
+    near_first: Out(1)
     late: Out(1)
 
     reference = staticmethod(fir.crossings)
@@ -51,7 +53,7 @@ class Fir(wiring.Component):
             return held
 
         firsts = [self.row_first]
-        for place in range(1, LOOKAHEAD):
+        for place in range(1, LOOKAHEAD + REACH - 1):
             firsts.append(register(firsts[-1], f"first_{place}"))
 
         # Steps 1 to 8: the window. The first column of a row fills it: the left border is replicated.
@@ -71,7 +73,7 @@ class Fir(wiring.Component):
         up, down = register(slope > 0, "up"), register(slope < 0, "down")
         # Step 15: crossings.
         armed = Signal()
-        risen = Signal(self.rise.shape(), reset_less=True)
+        risen, near = Signal(self.rise.shape(), reset_less=True), Signal(reset_less=True)
         since = Signal(12, reset_less=True)
         with m.If(self.step):
             m.d.sync += [
@@ -80,11 +82,12 @@ class Fir(wiring.Component):
                 self.falls.eq(down & armed & ~firsts[14]),
                 self.distance.eq(since),
                 self.rise.eq(risen),
+                self.near_first.eq(near),
                 self.contrast.eq(risen - here),
                 self.late.eq(risen + here >= 0),
             ]
             with m.If(up):
-                m.d.sync += risen.eq(here)
+                m.d.sync += [risen.eq(here), near.eq(Cat(firsts[14:]).any())]
         return m
 
 

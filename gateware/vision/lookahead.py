@@ -4,6 +4,8 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from magtrak.reference.fir import REACH
+
 from ..arithmetic import delayed
 from ..layouts import FrameSettings
 from .pixels import MeasuredPixel
@@ -17,7 +19,8 @@ class Column(data.Struct):
 
     ``ahead`` counts the gated pixels of the row up to ``run_reach`` columns after it, ``behind`` those more than
     ``run_reach`` columns before it: the gated pixels within reach of a run are ``ahead`` at its last column less
-    ``behind`` at its first.
+    ``behind`` at its first. ``left_edge``, ``right_edge``: the row or the region of interest begins, ends with it.
+    ``near_last``: fewer than :data:`~magtrak.reference.fir.REACH` columns follow it in the row.
     """
 
     column: 12
@@ -29,6 +32,9 @@ class Column(data.Struct):
     row_first: 1
     row_last: 1
     fault: 1
+    left_edge: 1
+    right_edge: 1
+    near_last: 1
     ahead: 12
     behind: 12
 
@@ -41,7 +47,7 @@ class Lookahead(wiring.Component):
 
     Members
     -------
-    settings : ``run_reach`` is used
+    settings : ``run_reach``, ``column_first`` and ``column_last`` are used
     i : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready
     step, mix, row_first : the filter's input: a new column, its mix (a blank repeats the last), whether it begins a
         row; the column stands at ``mix`` from the clock after its step on, until the next step
@@ -129,6 +135,9 @@ class Lookahead(wiring.Component):
             o.weight.eq(weights[LOOKAHEAD]),
             o.ahead.eq(ahead),
             o.behind.eq(behind),
+            o.left_edge.eq(o.row_first | (column == self.settings.column_first)),
+            o.right_edge.eq(o.row_last | (column == self.settings.column_last)),
+            o.near_last.eq(lines["row_last"][LOOKAHEAD - REACH + 1 : LOOKAHEAD + 1].any()),
         ]
         for name in ("lit", "gate", "saturated", "row_first", "row_last", "fault"):
             m.d.comb += o[name].eq(lines[name][LOOKAHEAD])

@@ -1,6 +1,6 @@
 """The row's record, made from what was found in it."""
 
-from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, signed
+from amaranth.hdl import Array, C, Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -68,14 +68,18 @@ class Peak(wiring.Component):
 
     @property
     def latency(self) -> int:
-        """Clocks from ``end`` to the record: the longest way and one to write. Dividing and placing comes first on the
-        one way; choosing the runner-up, two quotients and placing on the other.
+        """Clocks from ``end`` to the record: the longest way and one to write. Dividing comes first on the one way;
+        choosing the runner-up and two quotients on the other; then both are placed, one after the other.
         """
-        position = self._position.latency + 3
-        rival = 2 + 2 * self._rival.latency + 2
-        return max(position, rival, self.window_latency) + 1
+        return self._place_clock + 5
+
+    @property
+    def _place_clock(self) -> int:
+        """Clocks from ``end`` to the position's quotient, and to one before the runner-up's."""
+        return max(self._position.latency, 2 + 2 * self._rival.latency - 1)
 
     def elaborate(self, platform):
+        assert self.window_latency < self.latency
         m = Module()
         m.submodules.position = position = self._position
         m.submodules.rival = rival_divider = self._rival
@@ -132,24 +136,6 @@ class Peak(wiring.Component):
             position.dividend.eq(numerator << FRACTION_BITS),
             position.divisor.eq(divisor),
         ]
-        base, share = Signal(13), Signal(signed(position.quotient_bits + 2))
-        fine, rival_fine = Signal(21), Signal(21)
-        # Nothing below moves but while a row is at work, which spares a simulation the rest of the time.
-        with m.If(busy):
-            crossed_base, crossed_share = _straighten(m, "own", run.crossing, run.crossed, position.quotient)
-            m.d.sync += [base.eq(0), share.eq(1)]
-            with m.If(binary):
-                m.d.sync += share.eq(position.quotient + 1)
-            with m.Elif(by_run):
-                m.d.sync += [base.eq(run.last << 1), share.eq(-position.quotient)]
-            with m.Elif(by_window):  # where nothing rose above its base
-                m.d.sync += base.eq(run.crossing.halves)
-            with m.Elif(maximum):
-                m.d.sync += base.eq(run.peak_first + run.peak_last)
-            with m.Else():
-                m.d.sync += [base.eq(crossed_base), share.eq(crossed_share)]
-            m.d.sync += fine.eq((base << (FRACTION_BITS - 1)) + share)
-
         # The runner-up: chosen, compared, placed.
         rival = Rival().create(path=("rival",))
         rivals, as_strong = Signal(), Signal()
@@ -178,29 +164,63 @@ class Peak(wiring.Component):
             rival_divider.dividend.eq(Mux(steps[1], rival.strength << 8, rival.crossing.rise << FRACTION_BITS)),
             rival_divider.divisor.eq(Mux(steps[1], run.strength, rival.crossing.contrast)),
         ]
-        with m.If(busy):
-            rival_base, rival_share = _straighten(m, "rival", rival.crossing, rival.crossed, rival_divider.quotient)
-            m.d.sync += rival_fine.eq((rival_base << (FRACTION_BITS - 1)) + rival_share)
-
-        # Flags, while the dividers work.
-        touches = Signal(4)
-        over, uncrossed = Signal(2), Signal()
-        span, enough = Signal(12), Signal()
-        stray, doubtful, competed, valid = Signal(), Signal(), Signal(), Signal()
-        # Whose first and last column count.
-        first, last = Mux(binary, gated.first, run.first), Mux(binary, gated.last, run.last)
+        # The position, then the runner-up a clock later: pick, straighten, add. Nothing here moves but while a row is
+        # at work, which spares a simulation the rest of the time.
+        of_rival = Signal()
+        tops = Signal(13, reset_less=True)  # of the run's greatest weights, in halves
+        base, base_held = Signal(13, reset_less=True), Signal(13, reset_less=True)
+        part = Signal(FRACTION_BITS, reset_less=True)
+        whole, crossed, straight, single = (Signal(name=n) for n in ("whole", "crossed", "straight", "single"))
+        addend = Signal(signed(position.quotient_bits + 2), reset_less=True)
+        fine, fine_before = Signal(21, reset_less=True), Signal(21, reset_less=True)
         with m.If(busy):
             m.d.sync += [
-                touches.eq(
-                    Cat(
-                        first == 0,
-                        first == self.settings.column_first,
-                        last == gated.last_column,
-                        last == self.settings.column_last,
-                    )
-                ),
-                over.eq(Cat(run.near_first, run.seen > gated.last_column)),
-                uncrossed.eq(~binary & ~run.crossed),
+                of_rival.eq(steps[self._place_clock - 1]),
+                tops.eq(run.peak_first + run.peak_last),
+            ]
+            with m.If(of_rival):
+                m.d.sync += [
+                    base.eq(rival.crossing.halves),
+                    part.eq(rival_divider.quotient),
+                    whole.eq(0),
+                    crossed.eq(rival.crossed),
+                    straight.eq(rival.crossing.straight),
+                    single.eq(rival.crossing.single),
+                ]
+            with m.Else():
+                m.d.sync += [
+                    part.eq(position.quotient),
+                    whole.eq(binary | by_run),
+                    crossed.eq(run.crossed & ~by_window & ~maximum),
+                    straight.eq(run.crossing.straight),
+                    single.eq(run.crossing.single),
+                ]
+                with m.If(binary):
+                    m.d.sync += base.eq(0)
+                with m.Elif(by_run):
+                    m.d.sync += base.eq(run.last << 1)
+                with m.Elif(maximum):
+                    m.d.sync += base.eq(tops)
+                with m.Else():  # with a window where nothing rose above its base
+                    m.d.sync += base.eq(run.crossing.halves)
+            with m.If(whole):  # -quotient - 1 with the run's centroid: a unit is added below
+                m.d.sync += addend.eq((Cat(position.quotient, C(0, 1)) ^ by_run.replicate(len(addend))).as_signed())
+            with m.Else():
+                m.d.sync += addend.eq(_straighten(part, crossed, straight, single))
+            m.d.sync += [
+                base_held.eq(base),
+                # And one unit more, to round half up.
+                fine.eq((Cat(C(1, 1), base_held << (FRACTION_BITS - 1)) + Cat(C(1, 1), addend).as_signed()) >> 1),
+                fine_before.eq(fine),
+            ]
+
+        # Flags, while the dividers work.
+        cut = Signal()
+        span, enough = Signal(12), Signal()
+        stray, doubtful, competed, valid = Signal(), Signal(), Signal(), Signal()
+        with m.If(busy):
+            m.d.sync += [
+                cut.eq(Mux(binary, gated.first_touches | gated.last_touches, run.touches | run.over | ~run.crossed)),
                 span.eq(gated.last - gated.first + 1),
                 enough.eq((gated.total >= self.settings.run_gated) & gated.total.any()),
                 stray.eq(found & (gated.total > (run.gated << 1))),
@@ -223,8 +243,8 @@ class Peak(wiring.Component):
             with m.If(valid):
                 m.d.sync += [
                     record.valid.eq(1),
-                    record.position.eq(Mux(in_window, self.window_position, fine >> 1)),
-                    record.cut.eq(touches.any() | (run.crossed & ~binary & over.any()) | uncrossed | clipped_window),
+                    record.position.eq(Mux(in_window, self.window_position, fine_before >> 1)),
+                    record.cut.eq(cut | clipped_window),
                     record.ambiguous.eq(stray | doubtful | competed | no_window),
                     record.width.eq(Mux(found, run.width, span)),
                     record.gated.eq(Mux(found, run.gated, gated.total)),
@@ -238,23 +258,18 @@ class Peak(wiring.Component):
                         record.second_valid.eq(rivals),
                     ]
                 with m.If(found & rivals):
-                    m.d.sync += [record.second_position.eq(rival_fine >> 1), record.runner_up.eq(ratio)]
+                    m.d.sync += [record.second_position.eq(fine >> 1), record.runner_up.eq(ratio)]
         return m
 
 
-def _straighten(m: Module, name: str, crossing, crossed, quotient) -> tuple[Signal, Signal]:
-    """Half columns and a share in 1/512 px of a crossing, 1 more to round half up, a clock later.
+def _straighten(part, crossed, straight, single):
+    """What a crossing adds to the middle between its columns, in 1/512 px.
 
-    See :func:`magtrak.reference.fir.position`; ``quotient`` is the share on a straight line.
+    See :func:`magtrak.reference.fir.position`; ``part`` is the share on a straight line.
     """
-    halves, share = Signal(13, name=f"{name}_halves"), Signal(FRACTION_BITS + 1, name=f"{name}_share")
-    part = quotient[:FRACTION_BITS]
-    bend = Array(Const(1 - value, signed(4)) for value in BEND)[part[FRACTION_BITS - 5 :]]
-    m.d.sync += [halves.eq(crossing.halves - crossed), share.eq(part + 1)]
-    with m.If(~crossed):
-        m.d.sync += share.eq(1)
-    with m.Elif(crossing.straight):
-        m.d.sync += share.eq(part + bend)
-    with m.Elif(crossing.single):
-        m.d.sync += share.eq(FRACTION // 2 + 1)
-    return halves, share
+    bends = Array(Const(-value, signed(4)) for value in BEND)
+    bend = Mux(straight, bends[part[FRACTION_BITS - 5 :]], 0)
+    share = Mux(single, FRACTION // 2, (part + bend)[:FRACTION_BITS])
+    # Half a column less, the middle's.
+    less = Cat(share[:-1], ~share[-1], ~share[-1]).as_signed()
+    return Mux(crossed, less, 0)

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import Detector
 from magtrak.reference import find_runs
-from magtrak.reference.fir import CONTRAST_MAX, DERIVATIVE_MAX, REACH
+from magtrak.reference.fir import CONTRAST_MAX, DERIVATIVE_MAX
 
 from ..layouts import FrameSettings
 from .lookahead import Column
@@ -53,8 +53,8 @@ class Run(wiring.Signature):
     centre : nearest column to the crossing, or middle
     away : columns from ``centre`` to where the line was in the row before
     coloured : enough gated pixels lie within reach of the crossing
-    near_first : the filter at the crossing reaches over the first column
-    seen : last column that the filter sees there
+    over : the filter at the crossing reaches over the border of the image
+    touches : it begins or ends at the border of the image or of the region
     second_found, second : the next best crossing
     """
 
@@ -77,8 +77,8 @@ class Run(wiring.Signature):
                 "centre": Out(12),
                 "away": Out(12),
                 "coloured": Out(1),
-                "near_first": Out(1),
-                "seen": Out(13),
+                "over": Out(1),
+                "touches": Out(1),
                 "second_found": Out(1),
                 "second": Out(Crossing()),
             }
@@ -110,7 +110,7 @@ class Runs(wiring.Component):
     -------
     settings : ``run_bridge``, ``run_gated`` and ``detector`` are used
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
-    falls, distance, rise, contrast, late : crossing at that column, from :class:`~gateware.vision.fir.Fir`
+    falls, distance, rise, contrast, near_first, late : crossing at that column, from :class:`~gateware.vision.fir.Fir`
     place : column of the line in the row before
     valid, o : a :class:`Run`, which stands until the next; whether it counts is not decided here
     """
@@ -121,6 +121,7 @@ class Runs(wiring.Component):
     distance: In(12)
     rise: In(SLOPE_BITS)
     contrast: In(CONTRAST_BITS)
+    near_first: In(1)
     late: In(1)
     place: In(12)
     valid: Out(1)
@@ -150,8 +151,10 @@ class Runs(wiring.Component):
         m.d.comb += near.eq(i.ahead[:5] - i.behind[:5])
         run = Run().create(path=("run",))
         crossing = Crossing().create(path=("crossing",))
-        centre, seen = Signal(12, reset_less=True), Signal(13, reset_less=True)
-        coloured, near_first = Signal(reset_less=True), Signal(reset_less=True)
+        centre = Signal(12, reset_less=True)
+        coloured, over = Signal(reset_less=True), Signal(reset_less=True)
+        at_left, at_right = Signal(reset_less=True), Signal(reset_less=True)
+        touches_left, touches_right = Signal(reset_less=True), Signal(reset_less=True)
         better, second = Signal(reset_less=True), Signal(reset_less=True)
         starts = Signal()
         extends = Signal()
@@ -177,6 +180,8 @@ class Runs(wiring.Component):
                 at.eq(i.column),
                 weight.eq(i.weight),
                 saturated.eq(i.saturated),
+                at_left.eq(i.left_edge),
+                at_right.eq(i.right_edge),
                 ahead.eq(i.ahead),
                 behind.eq(i.behind),
             ]
@@ -188,8 +193,7 @@ class Runs(wiring.Component):
                 crossing.rise.eq(self.rise),
                 crossing.contrast.eq(self.contrast),
                 centre.eq(doubled >> 1),
-                seen.eq(i.column + REACH),
-                near_first.eq(i.column < self.distance + REACH),
+                over.eq(self.near_first | i.near_last),
                 coloured.eq(near >= self.settings.run_gated),
                 # Crossings are at least two columns apart, so the one before has been taken by now.
                 better.eq(self.contrast > run.crossing.contrast),
@@ -214,6 +218,8 @@ class Runs(wiring.Component):
                 run.moment.eq(0),
                 swept.eq(0),
                 run.clipped.eq(saturated),
+                touches_left.eq(at_left),
+                touches_right.eq(at_right),
                 run.crossed.eq(crosses),
                 run.second_found.eq(0),
                 low.eq(behind),
@@ -228,6 +234,7 @@ class Runs(wiring.Component):
                     run.moment.eq(moment),
                     swept.eq(moment),
                     run.clipped.eq(run.clipped + saturated),
+                    touches_right.eq(at_right),
                     high.eq(ahead),
                 ]
                 with m.If(weight >= run.peak):
@@ -243,8 +250,7 @@ class Runs(wiring.Component):
                 m.d.sync += [
                     *assign(run.crossing, crossing, Crossing()),
                     run.centre.eq(centre),
-                    run.seen.eq(seen),
-                    run.near_first.eq(near_first),
+                    run.over.eq(over),
                     run.coloured.eq(coloured),
                     *assign(run.second, run.crossing, Crossing()),
                 ]
@@ -258,11 +264,13 @@ class Runs(wiring.Component):
         stands = Signal(12)  # where the run stands
         m.d.sync += [binary.eq(self.settings.detector == Detector.BINARY), self.valid.eq(ended)]
         m.d.comb += [between.eq(binary | ~run.crossed), stands.eq(Mux(between, middle >> 1, run.centre))]
+        derived = ("width", "gated", "strength", "centre", "away", "touches", "crossing")
         with m.If(ended):
             m.d.sync += [
-                *assign(self.o, run, Run(), leave=("width", "gated", "strength", "centre", "away", "crossing")),
+                *assign(self.o, run, Run(), leave=derived),
                 *assign(self.o.crossing, run.crossing, Crossing(), leave=("halves", "contrast")),
                 self.o.crossed.eq(~between),
+                self.o.touches.eq(touches_left | touches_right),
                 self.o.width.eq(run.last - run.first + 1),
                 self.o.gated.eq(high - low),
                 self.o.strength.eq(Mux(binary, run.sum, Mux(between, 0, run.crossing.contrast))),
@@ -277,5 +285,5 @@ class Runs(wiring.Component):
 
 def connect_fir(m: Module, fir, runs: Runs) -> None:
     """The crossing beside each column, from :class:`~gateware.vision.fir.Fir`."""
-    for name in ("falls", "distance", "rise", "contrast", "late"):
+    for name in ("falls", "distance", "rise", "contrast", "near_first", "late"):
         m.d.comb += getattr(runs, name).eq(getattr(fir, name))

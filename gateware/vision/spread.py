@@ -8,7 +8,8 @@ from .lookahead import Column
 
 
 class Gated(data.Struct):
-    """Gated pixels of a row: how many, the sum of their columns, the first and the last; and what ends with the row.
+    """Gated pixels of a row: how many, the sum of their columns, the first and the last, whether they lie at the border
+    of the image or of the region; and what ends with the row.
 
     2048 columns: the sum is at most 2047 * 1024 < 2**21.
     """
@@ -20,6 +21,8 @@ class Gated(data.Struct):
     columns: 21
     first: 12
     last: 12
+    first_touches: 1
+    last_touches: 1
 
 
 class Spread(wiring.Component):
@@ -53,7 +56,7 @@ class Spread(wiring.Component):
                 o.columns.eq(columns + Mux(i.gate, i.column, 0)),
             ]
             with m.If(i.gate):
-                m.d.sync += o.last.eq(i.column)
+                m.d.sync += [o.last.eq(i.column), o.last_touches.eq(i.right_edge)]
                 with m.If(total == 0):
-                    m.d.sync += o.first.eq(i.column)
+                    m.d.sync += [o.first.eq(i.column), o.first_touches.eq(i.left_edge)]
         return m
