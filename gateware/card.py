@@ -7,6 +7,7 @@ from amaranth.hdl import ClockDomain, Elaboratable, Module, Signal
 from amaranth.lib import io
 from amaranth.lib.wiring import connect
 
+from .camera.pins import Camera
 from .core import Core
 from .link.uart import Uart
 from .link.usb import FULL_SPEED_BYTES, HIGH_SPEED_BYTES, UsbSerial, direct_pins, ulpi
@@ -75,14 +76,15 @@ class Card(Elaboratable):
 
     Parameters
     ----------
-    source : where the images come from
+    source : where the images come from: a component, or a camera on the board's pins, by
+        :func:`~gateware.camera.pins.camera_dvp` or :func:`~gateware.camera.pins.camera_rgb`
     link : :func:`uart` or :func:`usb`
     serial : serial number of the card, 64 bits; 0: it has none
     max_columns, max_rows : as in :class:`~gateware.core.Core`
     """
 
     def __init__(
-        self, source: Source, link: Link, *, serial: int = 0, max_columns: int = 2048, max_rows: int = 2048
+        self, source: Source | Camera, link: Link, *, serial: int = 0, max_columns: int = 2048, max_rows: int = 2048
     ) -> None:
         self.source = source
         self.link = link
@@ -92,7 +94,8 @@ class Card(Elaboratable):
     def elaborate(self, platform):
         m = Module()
         m.submodules.core = core = self.core
-        m.submodules.source = source = self.source
+        source = self.source(m, platform, core) if callable(self.source) else self.source
+        m.submodules.source = source
         connect(m, source.video, core.video)
         clock_hz = round(platform.default_clk_frequency)
         m.d.comb += [source.run.eq(core.run), core.clock_hz.eq(clock_hz), core.serial.eq(self.serial)]
