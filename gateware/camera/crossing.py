@@ -2,6 +2,7 @@
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, wiring
+from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.fifo import AsyncFIFOBuffered
 from amaranth.lib.wiring import In, Out
 
@@ -73,7 +74,8 @@ class Crossing(wiring.Component):
     - A row with half a pixel is followed by such a black pixel, too, which the Monitor leaves out and reports.
       ``broken`` counts them, and rows in which the vertical sync came on.
 
-    Nothing goes out before the first vertical sync: a camera may be in the middle of an image.
+    Nothing goes out before the first vertical sync: a camera may be in the middle of an image. While ``enable`` is
+    low none begins.
 
     Latency: 2 camera clocks and 4 to 5 card clocks from a pixel's successor to ``video``, while nothing waits.
     Throughput: a pixel a clock, of the slower clock on average.
@@ -85,6 +87,7 @@ class Crossing(wiring.Component):
     Members
     -------
     i : the camera's bus, in ``camera``
+    enable : images may begin
     video : images, in ``sync``
     cut, broken : see above; saturating
 
@@ -98,7 +101,15 @@ class Crossing(wiring.Component):
         if depth < 16 or depth & (depth - 1):
             raise ValueError(f"depth is {depth}; powers of two from 16 on are possible")
         self.depth = depth
-        super().__init__({"i": In(Sampled()), "video": Out(Video()), "cut": Out(8), "broken": Out(8)})
+        super().__init__(
+            {
+                "i": In(Sampled()),
+                "enable": In(1, init=1),
+                "video": Out(Video()),
+                "cut": Out(8),
+                "broken": Out(8),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -112,6 +123,8 @@ class Crossing(wiring.Component):
     def _form(self, m: Module, fifo) -> None:
         """In ``camera``: words into the FIFO."""
         i = self.i
+        enabled = Signal()
+        m.submodules.synchronizer = FFSynchronizer(self.enable, enabled, o_domain="camera")
         stable = Signal(range(VERTICAL_CLOCKS + 1))
         boundary = Signal()  # strobe: an image ends, the next begins
         with m.If(~i.vertical):
@@ -160,10 +173,10 @@ class Crossing(wiring.Component):
         ]
         with m.If(dropping):
             m.d.comb += [
-                put.eq(cut_due),
-                word.valid.eq(1),
+                put.eq(cut_due | end_due),
+                word.valid.eq(cut_due),
                 word.frame_end.eq(1),
-                word.mark.eq(1),
+                word.mark.eq(cut_due),
                 word.r.eq(lost),
             ]
         with m.Elif(release):
@@ -187,15 +200,17 @@ class Crossing(wiring.Component):
         with m.If(boundary):
             m.d.camera += frame_starts.eq(1)
         with m.If(overflow):
-            m.d.camera += [dropping.eq(1), cut_due.eq(1), lost.eq(1 + boundary)]
+            m.d.camera += [dropping.eq(1), cut_due.eq(1), end_due.eq(0), lost.eq(1 + boundary)]
         with m.Elif(dropping):
-            m.d.camera += [holding.eq(0), end_due.eq(0), broken_due.eq(0)]
-            with m.If(cut_due & room):
-                m.d.camera += cut_due.eq(0)
-            with m.If(boundary & (~cut_due | room)):
+            m.d.camera += [holding.eq(0), broken_due.eq(0)]
+            with m.If(room):
+                m.d.camera += [cut_due.eq(0), end_due.eq(0)]
+            with m.If(boundary & enabled & (~cut_due | room)):
                 m.d.camera += dropping.eq(0)
-            with m.Elif(boundary & ~lost.all()):
+            with m.Elif(boundary & cut_due & ~lost.all()):
                 m.d.camera += lost.eq(lost + 1)
+        with m.Elif(boundary & ~enabled):
+            m.d.camera += dropping.eq(1)
 
     def _pace(self, m: Module, fifo) -> None:
         """In ``sync``: words out of the FIFO."""

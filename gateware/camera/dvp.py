@@ -25,6 +25,7 @@ class Dvp(wiring.Component):
     Members
     -------
     href, vsync, d : the bus, as registered in ``camera``
+    enable : images may begin: the camera is set up
     run : ignored: a camera cannot be held, and images that nobody wants are not let in
     video : images, in ``sync``
     cut, broken : images cut because ``sync`` is too slow; rows with half a pixel; saturating
@@ -47,6 +48,7 @@ class Dvp(wiring.Component):
                 "href": In(1, init=href_low),
                 "vsync": In(1, init=vsync_low),
                 "d": In(8),
+                "enable": In(1, init=1),
                 "run": In(1),
                 "video": Out(Video()),
                 "cut": Out(8),
@@ -58,7 +60,7 @@ class Dvp(wiring.Component):
         m = Module()
         m.submodules.crossing = crossing = self.crossing
         connect(m, crossing.video, flipped(self.video))
-        m.d.comb += [self.cut.eq(crossing.cut), self.broken.eq(crossing.broken)]
+        m.d.comb += [crossing.enable.eq(self.enable), self.cut.eq(crossing.cut), self.broken.eq(crossing.broken)]
 
         sampled = crossing.i
         href = self.href ^ self.href_low

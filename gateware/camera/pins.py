@@ -23,7 +23,7 @@ Camera = Callable[[Module, object, Core], "Dvp | Rgb"]
 
 
 def camera_dvp(table: SensorTable | None = None, *, pclk_hz: float = 50e6, xclk_half: int = 0, **options) -> Camera:
-    """A camera on the board's resource ``camera``.
+    """A camera on the board's resource ``camera``. With a table, no image passes before the camera is set up.
 
     Its subsignals: ``pclk``, ``href``, ``vsync``, ``d`` (8); with a table ``scl``, ``sda`` (both pulled up). Where the
     board has them: ``xclk``, the camera's input clock; ``reset`` and ``powerdown``, which are held inactive (declare
@@ -54,6 +54,7 @@ def camera_dvp(table: SensorTable | None = None, *, pclk_hz: float = 50e6, xclk_
             m.d.comb += core.camera.camera_state.ready.eq(1)
         else:
             _setup(m, platform, port, core, table)
+            m.d.comb += source.enable.eq(core.camera.camera_state.ready)
         return source
 
     return add

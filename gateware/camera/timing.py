@@ -18,8 +18,8 @@ MISSING_CLOCKS = 2 << _GATE_BITS
 class Timing(wiring.Component):
     """Pixel clock, row length and rows of a camera.
 
-    Sizes are those of the last image that ended, modulo 4096 (the Monitor reports what is too large). An image is unsteady if its rows differ in length, or if it has other
-    rows than the one before it.
+    Sizes are those of the last image that ended, modulo 4096 (the Monitor reports what is too large). An image is
+    unsteady if its rows differ in length, or if it has other rows than the one before it.
 
     Members
     -------
@@ -69,7 +69,7 @@ class Timing(wiring.Component):
             m.d.sync += self.clock_missing.eq(0)
 
     def _sizes(self, m: Module) -> None:
-        """Comparing for equality in passing takes half of what comparing sizes would."""
+        """Lengths are compared for equality in passing, which takes half of what comparing their sizes would."""
         video = self.video
         pixel, valid = video.pixel.p, video.pixel.valid
         length, rows = Signal(12), Signal(12)

@@ -1,4 +1,4 @@
-"""Cameras are set up as their tables have it, on a bus that they take part in bit by bit, and with all that can fail."""
+"""Cameras are set up as their tables have it, over a bus that is modelled bit by bit, and with all that can fail."""
 
 from collections.abc import Awaitable, Callable
 
@@ -63,7 +63,8 @@ def set_up(
 
 
 async def until(ctx, signal) -> None:
-    await ctx.tick().until(signal)
+    while not ctx.get(signal):
+        await ctx.tick()
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ class SccbCamera:
         sda = master_sda & (not self._pull)
         if scl and self._scl and sda != self._sda:
             # The clock has risen for a start's or stop's own sake: that one bit is none.
-            if len(self._bits) > 1:
+            if self._listening and len(self._bits) > 1:
                 self.faults.append("data changed while the clock was high")
             self._bits = []
             self._pull = False
@@ -160,8 +160,11 @@ class SccbCamera:
             # The ninth bit: the camera's own.
             self._pull = self._take(sum(bit << 7 - n for n, bit in enumerate(self._bits)))
         elif len(self._bits) == 9:
-            if self._reading and len(self._received) > 1 and not self._bits[8]:
-                self.faults.append("the master wants more than one byte")
+            if self._reading and len(self._received) > 1:
+                if not self._bits[8]:
+                    self.faults.append("the master wants more than one byte")
+                self._listening = False  # its turn is over
+                return
             self._bits = []
         if self._reading and self._received and len(self._bits) < 8:
             if not self._bits and len(self._received) == 1:
