@@ -98,8 +98,8 @@ def render() -> str:
     parts += ["## Registers\n", doc]
     for layout in (camera.CAMERA_STATE, camera.CAMERA_SETUP, camera.CAMERA_ROW):
         parts += [f"### {layout.name.capitalize()}\n", _layout(layout)]
-    for kind in (camera.Sensor, camera.SetupCause):
-        parts += [f"### {'Sensors' if kind is camera.Sensor else 'Causes of a failed set-up'}\n", _enum(kind)]
+    parts += ["### Sensors\n", _enum(camera.Sensor)]
+    parts += ["### Causes of a failed set-up\n", _enum(camera.SetupCause)]
     rows: list[list[str]] = []
     for r in registers.REGISTERS:
         address = f"0x{r.address:04X}" + (f"..{r.address + r.words - 1:04X}" if r.words > 1 else "")
