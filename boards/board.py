@@ -7,12 +7,18 @@ from amaranth.build import Platform
 from amaranth.hdl import ClockDomain, Elaboratable, Module
 from amaranth.vendor import LatticeECP5Platform, SiliconBluePlatform
 
+from gateware.camera.ov2640 import OV2640
+from gateware.camera.ov5640 import OV5640
+from gateware.camera.ov7670 import OV7670
 from gateware.camera.pattern import Pattern
+from gateware.camera.pins import Camera, camera_dvp
+from gateware.camera.sensor import SensorTable
 from gateware.card import Card, Link, Source, uart, usb
 from gateware.features import Features
 
 from . import wiring
 from .clocks import Ecp5Clocks, Ice40Clocks
+from .ecp5 import Ecp5
 
 BAUD = 3_000_000
 """Of every UART: what an FT231X can, and what the host tries first."""
@@ -41,7 +47,14 @@ def _pattern(board: "Board") -> Source:
     return Pattern(*board.picture, period=board.sync_hz // IMAGES_HZ)
 
 
-SOURCES: dict[str, Callable[["Board"], Source]] = {"pattern": _pattern}
+def _camera(table: SensorTable) -> Callable[["Board"], Camera]:
+    return lambda board: camera_dvp(table, xclk="xclk")
+
+
+SOURCES: dict[str, Callable[["Board"], Source | Camera]] = {
+    "pattern": _pattern,
+    **{name: _camera(table) for name, table in (("ov7670", OV7670), ("ov2640", OV2640), ("ov5640", OV5640))},
+}
 """Sources of images by name, each made for a board."""
 
 
@@ -89,7 +102,8 @@ class Board:
     def open(self) -> Platform:
         """The platform with what is wired to it, for one build."""
         vendor = {"ecp5": LatticeECP5Platform, "ice40": SiliconBluePlatform}[self.family]
-        opened = type("Wired", (_Tools, self.platform), {"vendor": vendor})()
+        hooks = (Ecp5,) if self.family == "ecp5" else ()
+        opened = type("Wired", (_Tools, *hooks, self.platform), {"vendor": vendor})()
         opened.add_resources(wiring.resources(self.wiring, self.family))
         return opened
 

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import click
 from amaranth.build.run import BuildPlan
+from amaranth.hdl import UnusedElaboratable
 
 from .board import SERIAL, SOURCES, Board
 from .catalogue import find
@@ -216,6 +217,7 @@ def summary(board: Board, result: Result) -> str:
 @click.option("--serial", metavar="HEX", default="1", show_default=True, help="Serial number of the card.")
 def main(name: str, link: str, source: str, serial: str) -> None:
     """Build the bitstream of BOARD."""
+    warnings.simplefilter("ignore", UnusedElaboratable)  # what a small card leaves out
     try:
         number = int(serial, 16) if re.fullmatch("[0-9A-Fa-f]{1,16}", serial) else None
         if number is None:

@@ -10,15 +10,15 @@ WIRING = {
     "motor": {"pwm": "pmod_1:1", "direction": "pmod_1:2", "brake": "pmod_1:3"},
     "laser": {"enable": "pmod_1:7", "lamp": "pmod_1:8"},
     "camera": {
-        "data": " ".join(f"pmod_6:{pin}" for pin in (1, 2, 3, 4, 7, 8, 9, 10)),
+        "d": " ".join(f"pmod_6:{pin}" for pin in (1, 2, 3, 4, 7, 8, 9, 10)),
         "pclk": "pmod_7:7",
         "href": "pmod_7:2",
         "vsync": "pmod_7:3",
         "xclk": "pmod_7:1",
-        "reset": "pmod_7:4",
+        "reset": "~pmod_7:4",
         "scl": "pmod_7:8",
         "sda": "pmod_7:9",
-        "power_down": "pmod_7:10",
+        "powerdown": "pmod_7:10",
     },
 }
 

@@ -12,15 +12,15 @@ WIRING = {
     "motor": {"pwm": "pmod_2:7", "direction": "pmod_2:8"},
     "laser": {"enable": "pmod_2:9", "lamp": "pmod_2:10"},
     "camera": {
-        "data": " ".join(f"pmod_1:{pin}" for pin in (1, 2, 3, 4, 7, 8, 9, 10)),
+        "d": " ".join(f"pmod_1:{pin}" for pin in (1, 2, 3, 4, 7, 8, 9, 10)),
         "pclk": "pmod_0:10",  # the pin with a global buffer
         "href": "pmod_0:2",
         "vsync": "pmod_0:3",
         "xclk": "pmod_0:1",
-        "reset": "pmod_0:4",
+        "reset": "~pmod_0:4",
         "scl": "pmod_0:7",
         "sda": "pmod_0:8",
-        "power_down": "pmod_0:9",
+        "powerdown": "pmod_0:9",
     },
 }
 

@@ -10,15 +10,15 @@ WIRING = {
     "motor": {"pwm": "gpio_0:12", "direction": "gpio_0:13", "brake": "gpio_0:26"},
     "laser": {"enable": "gpio_0:27", "lamp": "gpio_0:14"},
     "camera": {
-        "data": " ".join(f"gpio_0:{pin}" for pin in range(16, 24)),
+        "d": " ".join(f"gpio_0:{pin}" for pin in range(16, 24)),
         "pclk": "gpio_0:9",
         "href": "gpio_0:24",
         "vsync": "gpio_0:25",
         "xclk": "gpio_0:10",
-        "reset": "gpio_0:11",
+        "reset": "~gpio_0:11",
         "scl": "gpio_0:3",
         "sda": "gpio_0:2",
-        "power_down": "gpio_0:8",
+        "powerdown": "gpio_0:8",
     },
 }
 

@@ -10,7 +10,7 @@ WIRING = {
     "motor": {"pwm": "io_0:copi"},
     "laser": {"enable": "io_0:sck", "lamp": "~M3"},
     "camera": {
-        "data": " ".join(f"io_0:{pin}" for pin in ("0", "1", "6", "9", "10", "11", "12", "13")),
+        "d": " ".join(f"io_0:{pin}" for pin in ("0", "1", "6", "9", "10", "11", "12", "13")),
         "pclk": "io_0:5",
         "href": "io_0:a0",
         "vsync": "io_0:a1",

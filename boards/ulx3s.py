@@ -11,15 +11,15 @@ WIRING = {
     # GP11 to GP13 are the ESP32's as well.
     "laser": {"enable": "gpio_0:10+", "lamp": "gpio_0:10-"},
     "camera": {
-        "data": " ".join(f"gpio_0:{pin}" for pin in ("18+", "18-", "19+", "19-", "20+", "20-", "21+", "21-")),
+        "d": " ".join(f"gpio_0:{pin}" for pin in ("18+", "18-", "19+", "19-", "20+", "20-", "21+", "21-")),
         "pclk": "gpio_0:17+",  # the only one of J2 that is near a clock's entry
         "href": "gpio_0:22+",
         "vsync": "gpio_0:22-",
         "xclk": "gpio_0:23+",
-        "reset": "gpio_0:23-",
+        "reset": "~gpio_0:23-",
         "scl": "gpio_0:24+",
         "sda": "gpio_0:24-",
-        "power_down": "gpio_0:25+",
+        "powerdown": "gpio_0:25+",
     },
 }
 

@@ -46,15 +46,15 @@ ROLES: dict[str, dict[str, Role]] = {
         "lamp": Role("o", "DOWN", "warning lamp"),
     },
     "camera": {
-        "data": Role("i", "NONE", "camera, D0 to D7", width=8),
+        "d": Role("i", "NONE", "camera, D0 to D7", width=8),
         "pclk": Role("i", "NONE", "camera, pixel clock PCLK"),
         "href": Role("i", "NONE", "camera, HREF"),
         "vsync": Role("i", "NONE", "camera, VSYNC"),
         "scl": Role("io", "UP", "camera, SIO_C (SCCB clock); 4.7 kohm to 3.3 V"),
         "sda": Role("io", "UP", "camera, SIO_D (SCCB data); 4.7 kohm to 3.3 V"),
         "xclk": Role("o", "NONE", "camera, clock XCLK, 24 MHz", optional=True),
-        "reset": Role("o", "NONE", "camera, RESET#, low resets", optional=True),
-        "power_down": Role("o", "NONE", "camera, PWDN, high powers down", optional=True),
+        "reset": Role("o", "NONE", "camera, RESET#", optional=True),
+        "powerdown": Role("o", "NONE", "camera, PWDN", optional=True),
     },
 }
 """Resources of a card, and their signals."""

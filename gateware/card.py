@@ -7,6 +7,7 @@ from amaranth.hdl import ClockDomain, Elaboratable, Module, Signal
 from amaranth.lib import io
 from amaranth.lib.wiring import connect
 
+from .camera.pins import Camera
 from .core import Core
 from .features import EVERYTHING, Features
 from .link.uart import Uart
@@ -80,7 +81,8 @@ class Card(Elaboratable):
 
     Parameters
     ----------
-    source : where the images come from
+    source : where the images come from: a component, or a camera on the board's pins, by
+        :func:`~gateware.camera.pins.camera_dvp` or :func:`~gateware.camera.pins.camera_rgb`
     link : :func:`uart` or :func:`usb`
     clock_hz : frequency of the ``sync`` domain
     serial : serial number of the card, 64 bits; 0: it has none
@@ -88,7 +90,13 @@ class Card(Elaboratable):
     """
 
     def __init__(
-        self, source: Source, link: Link, *, clock_hz: int, serial: int = 0, features: Features = EVERYTHING
+        self,
+        source: Source | Camera,
+        link: Link,
+        *,
+        clock_hz: int,
+        serial: int = 0,
+        features: Features = EVERYTHING,
     ) -> None:
         self.source = source
         self.link = link
@@ -99,7 +107,8 @@ class Card(Elaboratable):
     def elaborate(self, platform):
         m = Module()
         m.submodules.core = core = self.core
-        m.submodules.source = source = self.source
+        source = self.source(m, platform, core, self.clock_hz) if callable(self.source) else self.source
+        m.submodules.source = source
         connect(m, source.video, core.video)
         m.d.comb += [source.run.eq(core.run), core.clock_hz.eq(self.clock_hz), core.serial.eq(self.serial)]
         self.link(m, platform, core, self.clock_hz)
