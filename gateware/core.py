@@ -104,6 +104,7 @@ class Core(wiring.Component):
         connect(m, link.command, registers.command)
         connect(m, registers.answer, link.answer)
         connect(m, registers.lut, vision.lut)
+        connect(m, registers.write, motion.write)
         m.d.comb += [
             self.run.eq(registers.now.run),
             admission.run.eq(registers.now.run),

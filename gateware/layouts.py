@@ -1,6 +1,6 @@
 """Amaranth shapes of what :mod:`magtrak.protocol` defines, and the streams inside the card."""
 
-from amaranth.hdl import Shape
+from amaranth.hdl import Shape, signed
 from amaranth.lib import data, enum, stream, wiring
 from amaranth.lib.wiring import Out
 
@@ -89,6 +89,13 @@ class Video(wiring.Signature):
         super().__init__(members)
 
 
+class SettingWrite(data.Struct):
+    """A register of scope ``NOW`` takes a value."""
+
+    address: 16
+    value: signed(32)
+
+
 class LutWrite(wiring.Signature):
     """Writes to the gate tables: word ``word`` of the idle bank of table ``axis`` (0 hue, 1 luminance,
     2 saturation), and the strobe that exchanges the banks of all three.
@@ -150,6 +157,7 @@ __all__ = [
     "Row",
     "RowResult",
     "Rows",
+    "SettingWrite",
     "Video",
     "settings",
     "struct",

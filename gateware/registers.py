@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from magtrak import protocol
 from magtrak.protocol import REGISTERS, Access, AnswerCode, Register, Scope
 
-from .layouts import FrameSettings, LutWrite, NowSettings
+from .layouts import FrameSettings, LutWrite, NowSettings, SettingWrite
 from .link.packet import Answer, Command
 
 _OWN = ("magic", "version", "map_hash", "max_columns", "max_rows", "generation", "pending")
@@ -48,6 +48,7 @@ class RegisterFile(wiring.Component):
     answer : one for each command, in order
     frame_start : strobe: the first pixel of an image is taken in this clock
     now : settings of scope ``NOW`` in force
+    write : stream of :class:`~gateware.layouts.SettingWrite`, what ``now`` has been given; its answer waits for it
     frame : settings of scope ``FRAME`` in force, new in the clock after ``frame_start``
     generation : generation in force
     lut : writes to the gate tables; ``swap`` comes with ``frame_start``
@@ -64,6 +65,7 @@ class RegisterFile(wiring.Component):
                 "answer": Out(stream.Signature(Answer)),
                 "frame_start": In(1),
                 "now": Out(NowSettings, init=_inits(Scope.NOW)),
+                "write": Out(stream.Signature(SettingWrite)),
                 "frame": Out(FrameSettings, init=_inits(Scope.FRAME)),
                 "generation": Out(16),
                 "lut": Out(LutWrite()),
@@ -106,6 +108,12 @@ class RegisterFile(wiring.Component):
         with m.If(self.lut.swap):
             m.d.sync += [self.frame.eq(shadow), self.generation.eq(marked), pending.eq(0)]
 
+        m.d.comb += [
+            self.write.payload.address.eq(command.address),
+            self.write.payload.value.eq(command.value),
+        ]
+        with m.If(self.write.ready):
+            m.d.sync += self.write.valid.eq(0)
         m.d.sync += [self.arm.eq(0), self.lut.valid.eq(0)]
         code = self.answer.payload.code
         with m.FSM():
@@ -159,6 +167,8 @@ class RegisterFile(wiring.Component):
                             if register.access is not Access.READ:
                                 with m.Case(at):
                                     self._write(m, register, command, shadow, pending, marked, code)
+                                    if register.scope is Scope.NOW and register.access is Access.BOTH:
+                                        m.d.sync += self.write.valid.eq(1)
                 m.next = "Regroup"
 
             # What was written shows in what is read.
@@ -173,8 +183,8 @@ class RegisterFile(wiring.Component):
                     m.d.sync += self.answer.payload.value.eq(current)
                 m.next = "Answer"
             with m.State("Answer"):
-                m.d.comb += self.answer.valid.eq(1)
-                with m.If(self.answer.ready):
+                m.d.comb += self.answer.valid.eq(~self.write.valid)
+                with m.If(self.answer.valid & self.answer.ready):
                     m.next = "Wait"
 
         return m

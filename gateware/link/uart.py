@@ -1,10 +1,11 @@
 """Serial line, 8N1: a low start bit, eight data bits with the lowest first, a high stop bit.
 
 Bits are timed by a phase that grows by a constant each clock and wraps once a bit, so that any rate
-can be had to within clock / 2**21; an edge is at most one clock late.
+can be had to within clock / 2**21. It begins with each byte: bit k of a byte comes ceil(k * clocks per bit) clocks
+after its start bit.
 """
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.fifo import SyncFIFOBuffered
@@ -28,7 +29,8 @@ def _step(clock_hz: float, baud: float, least: int) -> int:
 class UartTransmitter(wiring.Component):
     """Bytes to a serial line.
 
-    Throughput: a byte every 10 bits. Latency: the start bit begins a clock after the byte was taken.
+    Throughput: a byte every 10 bits, rounded up to a whole number of clocks. Latency: the start bit begins a clock
+    after the byte was taken.
 
     Parameters
     ----------
@@ -61,13 +63,12 @@ class UartTransmitter(wiring.Component):
         idle = left == 0
         m.d.comb += [
             following.eq(phase + self.step),
-            # The phase goes on from byte to byte, so that a full line keeps the rate.
             self.i.ready.eq(idle | ((left == 1) & following[-1])),
             self.tx.eq(bits[0] | idle),
         ]
-        m.d.sync += phase.eq(Mux(idle, 0, following))
+        m.d.sync += phase.eq(following)
         with m.If(self.i.valid & self.i.ready):
-            m.d.sync += [bits.eq(Cat(Const(0, 1), self.i.payload, Const(1, 1))), left.eq(10)]
+            m.d.sync += [bits.eq(Cat(Const(0, 1), self.i.payload, Const(1, 1))), left.eq(10), phase.eq(0)]
         with m.Elif(following[-1] & ~idle):
             m.d.sync += [bits.eq(bits >> 1), left.eq(left - 1)]
         return m
@@ -78,7 +79,8 @@ class UartReceiver(wiring.Component):
 
     Every bit is the majority of three clocks at its middle. The falling edge of the start bit sets the
     phase, so the two ends may differ by what moves the stop bit's middle by less than half a bit, less what edges are
-    late: 1.3 % at 4 clocks a bit, 3.3 % at 8, 4 % from 13 on (proved in ``tests/formal/test_uart.py``).
+    late: 1.3 % from 4 clocks a bit on, 3.3 % from 8 on, 2 % on either side from 13 on.
+    (``tests/gateware/test_link_uart.py`` tries every rate, ``tests/formal/test_uart.py`` proves three.)
 
     Latency: the byte is there at the middle of its stop bit, and 4 clocks.
 
@@ -115,10 +117,9 @@ class UartReceiver(wiring.Component):
         m.d.sync += past.eq(Cat(line, past))
         level = (past[0] & past[1]) | (past[1] & past[2]) | (past[0] & past[2])
 
-        # `level` looks at two clocks ago. It first tells the start bit 2 clocks after `line` does, which is 2.5 after
-        # the edge on average; the phase starts a clock later, and wraps half a clock late on average. In all the
-        # phase starts a clock late.
-        early = self.step
+        # `level` tells the start bit two clocks after `line` does, and the phase starts a clock later. With half a step
+        # more than half a bit, bit k is read around clock ceil((k + 0.5) * clocks per bit - 0.5) of its byte, counted
+        # from the first low one: midway between the latest that it may begin and the earliest that it may end.
         phase = Signal(_PHASE_BITS)
         following = Signal(_PHASE_BITS + 1)
         bits = Signal(8)
@@ -132,7 +133,7 @@ class UartReceiver(wiring.Component):
         with m.FSM():
             with m.State("Idle"):
                 # Half a bit more, so that the phase wraps at the middles.
-                m.d.sync += [phase.eq((1 << (_PHASE_BITS - 1)) + early), left.eq(9)]
+                m.d.sync += [phase.eq((1 << (_PHASE_BITS - 1)) + self.step // 2), left.eq(9)]
                 with m.If(~level):
                     m.next = "Start"
             with m.State("Start"):

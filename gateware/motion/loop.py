@@ -1,10 +1,8 @@
-"""Speed loop: PI with feed-forward, in steps of a millisecond and one bit at a time."""
+"""Speed loop: PI with feed-forward, in steps of a millisecond."""
 
 from dataclasses import dataclass
 
-from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
+from .assembly import Program
 
 GAIN_BITS = 24
 GAIN_FRACTION_BITS = 16
@@ -32,7 +30,7 @@ def _product(value: int, gain: int, shift: int, limit: int) -> int:
     return -magnitude if value < 0 else magnitude
 
 
-class SpeedLoop(wiring.Component):
+class SpeedLoop:
     """From the speed wanted and the speed measured to a duty.
 
     ``duty = kp * error + integral + kff * target + friction * sign(target)``, where ``integral`` gathers
@@ -42,42 +40,10 @@ class SpeedLoop(wiring.Component):
 
     Source: K. J. Astrom and R. M. Murray, *Feedback Systems*, sections 11.2 and 11.4 (conditional integration).
 
-    Latency: :attr:`latency` clocks from ``start`` to ``done``; a ``start`` on the way is left out. No multiplier:
-    three products with a gain, a bit of the gain a clock.
-
-    Members
-    -------
-    start : strobe: a step
-    active : 0 holds integral and duty at 0
-    target, speed : signed Q23.8, counts a second
-    kp, ki, kff : unsigned Q8.16, duty per count a second; ``ki`` is that of one step
-    friction : duty that overcomes dry friction, in the direction of the target
-    limit : greatest duty to either side
-    duty : signed Q0.15
-    done : strobe: ``duty`` is new
+    ``target`` and ``speed`` are signed Q23.8, counts a second; ``kp``, ``ki`` and ``kff`` unsigned Q8.16, duty per
+    count a second, ``ki`` that of one step; ``friction`` is the duty that overcomes dry friction, in the direction of
+    the target; ``limit`` the greatest duty to either side; the duty is signed Q0.15.
     """
-
-    start: In(1)
-    active: In(1)
-    target: In(signed(32))
-    speed: In(signed(32))
-    kp: In(GAIN_BITS)
-    ki: In(GAIN_BITS)
-    kff: In(GAIN_BITS)
-    friction: In(15)
-    limit: In(15)
-    duty: Out(signed(16))
-    done: Out(1)
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._integral = Signal(signed(32))  # |32767 * 2**16| < 2**31
-        self._increment = Signal(signed(32))
-        self._candidate = Signal(signed(33))
-        self._proportional, self._forward = Signal(signed(18)), Signal(signed(18))
-        self._wanted = Signal(signed(21))  # 2 * (2**17 - 1) + 2 * 32767 < 2**19
-
-    latency = 3 * (GAIN_BITS + 3) + 6
 
     @staticmethod
     def reference(now: Loop, *, target: int, speed: int, kp: int, ki: int, kff: int, friction: int, limit: int) -> Loop:
@@ -94,100 +60,86 @@ class SpeedLoop(wiring.Component):
         winding = (wanted > limit and increment > 0) or (wanted < -limit and increment < 0)
         return Loop(now.integral if winding else integral, duty)
 
-    def elaborate(self, platform: object) -> Module:
-        m = Module()
-        integral, increment, candidate = self._integral, self._increment, self._candidate
-        proportional, forward, wanted = self._proportional, self._forward, self._wanted
-        error, friction = Signal(signed(33)), Signal(signed(16))
+    @staticmethod
+    def program(p: Program) -> None:
+        """``duty`` from ``target``, ``speed`` and the settings; flag ``opened``: it was opened."""
+        p.variable("error", "integral", "increment", "candidate", "duty")
+        with p.when("opened"):
+            p.put(0, "integral")
+        p.load("target")
+        p.subtract("speed")
+        p.at_most((1 << 31) - 1, "error")
+        p.at_least(-(1 << 31) + 1, "error")
+        p.store("error")
 
-        # A magnitude below 2**32 times a gain below 2**24, lowest bit of the gain first: 33 bits are added, and a bit
-        # of the product leaves to the right each step.
-        negative = Signal()
-        magnitude, gain = Signal(32), Signal(GAIN_BITS)
-        high, low = Signal(32), Signal(GAIN_BITS)
-        total = Signal(33)
-        steps = Signal(range(GAIN_BITS + 1))
-        product = Signal(32 + GAIN_BITS)
-        m.d.comb += [total.eq(high + Mux(gain[0], magnitude, 0)), product.eq(Cat(low, high))]
-        duty_product, integral_product = Signal(17), Signal(31)  # saturated, in a clock of their own
-        shift = 8 + GAIN_FRACTION_BITS
-        fine = shift - _INTEGRAL_FRACTION_BITS
-        m.d.sync += [
-            duty_product.eq(Mux((product >> (shift + 17)).any(), _TERM, product >> shift)),
-            integral_product.eq(Mux((product >> (fine + 31)).any(), (1 << 31) - 1, product >> fine)),
-        ]
+        _times(p, "error", "motor_kp")
+        _signed(p, "error")
+        p.store("duty")
 
-        def multiply(name: str, value: Signal, by: Signal, then: str) -> None:
-            """States that leave ``abs(value) * by`` in ``product`` and the sign in ``negative``."""
-            with m.State(name):
-                m.d.sync += [
-                    negative.eq(value < 0),
-                    magnitude.eq(Mux(value < 0, -value, value)),
-                    gain.eq(by),
-                    high.eq(0),
-                    steps.eq(GAIN_BITS),
-                ]
-                m.next = f"{name} steps"
-            with m.State(f"{name} steps"):
-                m.d.sync += [Cat(low, high).eq(Cat(low[1:], total)), gain.eq(gain >> 1), steps.eq(steps - 1)]
-                with m.If(steps == 1):
-                    m.next = f"{name} saturated"
-            with m.State(f"{name} saturated"):
-                m.next = then
+        _times(p, "target", "motor_kff")
+        p.add("motor_friction")
+        _signed(p, "target")
+        p.add("duty")
+        p.store("duty")
 
-        bound = FULL << _INTEGRAL_FRACTION_BITS
-        m.d.sync += self.done.eq(0)
-        stale = Signal()  # the loop was opened during the step
-        with m.FSM():
-            with m.State("Wait"):
-                m.d.sync += [error.eq(self.target - self.speed), stale.eq(0)]
-                with m.If(self.start):
-                    m.next = "Error"
-            with m.State("Error"):
-                # -2**31 itself would have no magnitude of 31 bits.
-                with m.If(error > (1 << 31) - 1):
-                    m.d.sync += error.eq((1 << 31) - 1)
-                with m.Elif(error < -(1 << 31) + 1):
-                    m.d.sync += error.eq(-(1 << 31) + 1)
-                m.next = "Proportional"
-            multiply("Proportional", error, self.kp, "Take proportional")
-            with m.State("Take proportional"):
-                m.d.sync += proportional.eq(Mux(negative, -duty_product, duty_product))
-                m.next = "Forward"
-            multiply("Forward", self.target, self.kff, "Take forward")
-            with m.State("Take forward"):
-                m.d.sync += forward.eq(Mux(negative, -duty_product, duty_product))
-                m.next = "Integral"
-            multiply("Integral", error, self.ki, "Take integral")
-            with m.State("Take integral"):
-                m.d.sync += increment.eq(Mux(negative, -integral_product, integral_product))
-                m.next = "Add"
-            with m.State("Add"):
-                m.d.sync += [
-                    candidate.eq(integral + increment),
-                    wanted.eq(proportional + forward),
-                    friction.eq(Mux(self.target < 0, -self.friction, Mux(self.target == 0, 0, self.friction))),
-                ]
-                m.next = "Clamp"
-            with m.State("Clamp"):
-                m.d.sync += wanted.eq(wanted + friction)
-                with m.If(candidate > bound):
-                    m.d.sync += candidate.eq(bound)
-                with m.Elif(candidate < -bound):
-                    m.d.sync += candidate.eq(-bound)
-                m.next = "Sum"
-            with m.State("Sum"):
-                m.d.sync += wanted.eq(wanted + (candidate >> _INTEGRAL_FRACTION_BITS))
-                m.next = "Limit"
-            with m.State("Limit"):
-                limit = self.limit
-                over, under = Signal(), Signal()
-                m.d.comb += [over.eq(wanted > limit), under.eq(wanted < -limit)]
-                with m.If(~stale):
-                    m.d.sync += [self.duty.eq(Mux(over, limit, Mux(under, -limit, wanted))), self.done.eq(1)]
-                    with m.If(~(over & (increment > 0)) & ~(under & (increment < 0))):
-                        m.d.sync += integral.eq(candidate)
-                m.next = "Wait"
-        with m.If(~self.active):
-            m.d.sync += [integral.eq(0), self.duty.eq(0), self.done.eq(0), stale.eq(1)]
-        return m
+        # The integral has 16 bits more of the product: they are at the top of L.
+        _times(p, "error", "motor_ki", 1 << 15)
+        p.store("scratch")
+        p.subtract(1 << 15)
+        with p.when("negative"):
+            p.load("scratch")
+            p.divide(0, _INTEGRAL_FRACTION_BITS)
+        with p.otherwise():
+            p.load((1 << 31) - 1)
+        _signed(p, "error")
+        p.store("increment")
+        p.add("integral")
+        p.at_most(FULL << _INTEGRAL_FRACTION_BITS, "candidate")
+        p.at_least(-FULL << _INTEGRAL_FRACTION_BITS, "candidate")
+        p.multiply(0, _INTEGRAL_FRACTION_BITS)
+        p.add("duty")
+        p.store("duty")
+
+        # Beyond the limit the integral only moves back.
+        p.subtract("motor_duty_max")
+        p.subtract(1)
+        with p.unless("negative"):
+            p.put_copy("motor_duty_max", "duty")
+            p.load("increment")
+        with p.otherwise():
+            p.load("duty")
+            p.add("motor_duty_max")
+            with p.when("negative"):
+                p.load_negative("motor_duty_max")
+                p.store("duty")
+                p.load_negative("increment")
+            with p.otherwise():
+                p.load(0)
+        p.subtract(1)
+        with p.when("negative"):
+            p.put_copy("candidate", "integral")
+        p.load("duty")
+        p.output("duty")
+
+
+def _times(p: Program, value: str, gain: str, most: int = _TERM) -> None:
+    """A = ``min(abs(value) * gain >> 24, most)``."""
+    p.load_magnitude(value)
+    p.store("scratch")
+    p.load(gain)
+    p.to_low()
+    p.load(0)
+    p.multiply("scratch", GAIN_BITS)
+    p.at_most(most, "scratch")
+
+
+def _signed(p: Program, like: str) -> None:
+    """A has the sign of a variable; it is 0 where that is."""
+    p.store("scratch")
+    p.load(like)
+    with p.when("negative"):
+        p.load_negative("scratch")
+    with p.otherwise():
+        p.load_negative(like)
+        with p.when("negative"):
+            p.load("scratch")

@@ -1,19 +1,19 @@
 """Everything that turns, and the light that turns with it."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import data, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import MAX_EDGES
 
-from ..layouts import Edge, EncoderErrors, NowSettings
+from ..layouts import Edge, EncoderErrors, NowSettings, SettingWrite
 from .angle import AngleLatch, AngleStamp, EdgeLog
 from .filter import LENGTH_BITS, Align
 from .index import Index
 from .interlock import Interlock, LaserState
 from .milliseconds import Milliseconds
-from .motor import MotorControl, MotorState
+from .motor import SETTINGS_BASE, MotorControl, MotorState
 from .quadrature import SYNCHRONISER_STAGES, Quadrature
 
 SAFETY = ("laser_state", "laser_cause", "motor_state", "motor_cause")
@@ -39,7 +39,8 @@ class Motion(wiring.Component):
     encoder_a, encoder_b, index, interlock : pins, asynchronous
     pwm, direction, brake, laser, lamp : pins
     clock_hz : frequency of the clock, constant
-    settings : registers in force
+    settings : registers in force, those that have to act at once
+    write : stream of :class:`~gateware.layouts.SettingWrite`: the others, as they are written
     row_first, frame_first : strobes, column 0 of a row arrives; the row is the first of its image
     arm, arm_key : strobe, value written to ``laser_arm``
     renew : strobe, an intact command has come
@@ -71,6 +72,7 @@ class Motion(wiring.Component):
 
     clock_hz: In(32)
     settings: In(NowSettings)
+    write: In(stream.Signature(SettingWrite))
     row_first: In(1)
     frame_first: In(1)
     arm: In(1)
@@ -207,6 +209,7 @@ class Motion(wiring.Component):
             motor.settings.eq(self.settings),
             motor.clock_hz.eq(self.clock_hz),
             motor.tick.eq(milliseconds.tick),
+            motor.time.eq(self.time),
             motor.alive.eq(enable.state.alive),
             self.pwm.eq(motor.pwm),
             self.direction.eq(motor.direction),
@@ -219,6 +222,17 @@ class Motion(wiring.Component):
             m.d.comb += getattr(motor, name).eq(getattr(encoder, name))
         for name in ("passed", "pass_count", "zero_count", "seen", "wrong", "difference"):
             m.d.comb += getattr(motor, name).eq(getattr(index, name))
+
+        # Registers of the motor are variables of its program, at the low bits of their addresses.
+        ours = Signal()
+        bits = len(motor.write.payload.address)
+        m.d.comb += [
+            ours.eq(self.write.payload.address[bits:] == SETTINGS_BASE >> bits),
+            motor.write.valid.eq(self.write.valid & ours),
+            motor.write.payload.address.eq(self.write.payload.address),
+            motor.write.payload.value.eq(self.write.payload.value),
+            self.write.ready.eq(motor.write.ready | ~ours),
+        ]
 
         # Light needs what is asked for of speed and angle, and an image that is to be lit.
         asked, permitted = settings.laser_conditions, Signal()

@@ -1,18 +1,44 @@
-"""The motor: speed measurement, course, loop, watch and PWM, in steps of a millisecond."""
+"""The motor: speed measurement, course, loop, watch and sector as one program, and PWM."""
 
-from amaranth.hdl import Module, Mux, Signal, signed
-from amaranth.lib import data, wiring
+from collections.abc import Mapping
+
+from amaranth.hdl import Module, Mux, ShapeLike, Signal, signed
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from magtrak.protocol import MotorMode
+from magtrak.protocol import MotorMode, register
 
 from ..layouts import NowSettings
+from .assembly import Program
 from .loop import SpeedLoop
 from .profile import Profile
 from .pwm import Pwm
 from .sector import Sector
+from .sequencer import Sequencer, Variable
 from .speed import SpeedMeter
-from .watch import SLOWEST, MotorWatch
+from .watch import CHATTER, FAULTS, Faults, MotorWatch
+
+INPUTS: Mapping[str, ShapeLike] = {
+    **{"count": signed(32), "age": 32, "time": 32, "zero_count": signed(32), "pass_count": signed(32)},
+    **{"difference": signed(32), "illegals": 8, "clock_hz": 32},
+}
+FLAGS = (
+    *("tick", "backward", "seen", "closed", "speed_mode", "sweep_mode", "active", "driven", "alive"),
+    *("watch_stall", "watch_runaway", "watch_encoder", "watch_index", "watch_lease"),
+    *("passed", "wrong", "right", "chattered", "opened", "rested"),
+)
+OUTPUTS = ("speed", "band", "target", "found", "duty", "still", "cause", "inside")
+
+SETTINGS = (
+    *("motor_duty", "motor_speed", "motor_acceleration", "motor_kp", "motor_ki", "motor_kff", "motor_friction"),
+    *("motor_duty_max", "sweep_low", "sweep_high", "motor_search", "motor_stall_ms", "motor_runaway"),
+    *("motor_speed_max", "encoder_tolerance", "index_tolerance", "speed_low", "speed_high", "counts_per_turn"),
+    *("sector_low", "sector_high"),
+)
+"""Registers that are variables of the program, at the low bits of their addresses."""
+
+SETTINGS_BASE = 0x0300
+"""Where the registers of motion begin; their place in it is the variable's address."""
 
 
 class MotorState(data.Struct):
@@ -24,31 +50,95 @@ class MotorState(data.Struct):
     in_sector: 1
 
 
+def motor_program(*, speed_loop: bool = True) -> Program:
+    """What a millisecond and an edge of the encoder bring about."""
+    p = Program(tuple(INPUTS), FLAGS, OUTPUTS)
+    for name in SETTINGS:
+        p.variable(name, address=register(name).address - SETTINGS_BASE)
+    p.variable("position", "band")
+    p.jump("start")
+
+    p.label("wait")
+    p.wait()
+    p.load("count")
+    p.subtract("zero_count")
+    p.wrap()
+    p.store("position")
+    with p.when("tick"):
+        SpeedMeter.program(p)
+        _band(p)
+        if speed_loop:
+            Profile.program(p)
+            p.load("target")
+            p.output("target")
+            with p.when("active"):
+                SpeedLoop.program(p)
+        else:
+            p.variable("target", "failed")
+        MotorWatch.program(p)
+    Sector.program(p)
+    p.jump("wait")
+
+    p.label("start")
+    values = {name: register(name).init if name in SETTINGS else 0 for name in p.variables}
+    for value in sorted(set(values.values())):
+        p.put(value, *(name for name in values if values[name] == value))
+    p.jump("wait")
+    return p
+
+
+def _band(p: Program) -> None:
+    """Output ``band``: negative while ``speed_low <= abs(speed) <= speed_high``."""
+    p.put(0, "band")
+    p.load_magnitude("speed")
+    p.store("scratch")
+    p.subtract("speed_low")
+    with p.unless("negative"):
+        p.load("speed_high")
+        p.subtract("scratch")
+        with p.unless("negative"):
+            p.put(-1, "band")
+    p.load("band")
+    p.output("band")
+
+
 class MotorControl(wiring.Component):
     """Drives the motor as its mode says, and stops it when something is wrong.
 
-    Every millisecond: speed from the edges (:class:`SpeedMeter`), then the speed wanted (:class:`Profile`), then
-    the duty (:class:`SpeedLoop`), about 140 clocks in all; ticks that come faster are left out. A fault
-    (:class:`MotorWatch`) takes two clocks to stop the PWM: the bridge brakes until the mode is written ``OFF``.
+    A :class:`Sequencer` works out, every millisecond, the speed from the edges (:class:`SpeedMeter`), the speed wanted
+    (:class:`Profile`), the duty (:class:`SpeedLoop`) and whether something is wrong (:class:`MotorWatch`); and at each
+    edge, whether the angle is in the sector (:class:`Sector`). All see the state in one clock, that of ``sampled``. A
+    millisecond takes less than 1900 clocks, an edge less than 120; ticks and edges that come meanwhile are seen
+    together, after it. A fault takes two clocks from when it is found to stop the PWM: the bridge brakes until the mode
+    is written ``OFF``.
 
     The speed is in its band while ``speed_low <= abs(speed) <= speed_high``, measured once a millisecond.
 
+    Parameters
+    ----------
+    speed_loop : False leaves out course and loop: there are no modes but ``OFF`` and ``DUTY``
+
     Members
     -------
-    settings : registers in force
+    settings : registers in force, those that logic needs at once
+    write : stream of :class:`Variable`: the other registers, :data:`SETTINGS`, as they are written
     clock_hz : frequency of the clock, constant
     tick : strobe, a millisecond
+    time : of the clock
     count, edge, backward, illegal, age : outputs of the decoder
     passed, pass_count, zero_count, seen, wrong, difference : outputs of the index
     alive : the host's lease
     pwm, direction, brake : pins
     speed : signed Q23.8, counts a second
     state, cause : registers
+    sampled : strobe: what is seen in this clock is what the next results are made of
     """
 
     settings: In(NowSettings)
+    write: In(stream.Signature(Variable))
     clock_hz: In(32)
     tick: In(1)
+    time: In(32)
     count: In(signed(32))
     edge: In(1)
     backward: In(1)
@@ -67,98 +157,119 @@ class MotorControl(wiring.Component):
     speed: Out(signed(32))
     state: Out(MotorState)
     cause: Out(8)
+    sampled: Out(1)
+
+    def __init__(self, *, speed_loop: bool = True) -> None:
+        self.speed_loop = speed_loop
+        super().__init__()
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         settings, mode = self.settings, self.settings.motor_mode
-        position = Signal(signed(32))
-        m.d.sync += position.eq(self.count - self.zero_count)
-
-        m.submodules.meter = meter = SpeedMeter()
-        m.submodules.profile = profile = Profile()
-        m.submodules.loop = loop = SpeedLoop()
-        m.submodules.watch = watch = MotorWatch()
-        m.submodules.sector = sector = Sector()
+        m.submodules.sequencer = sequencer = Sequencer(motor_program(speed_loop=self.speed_loop), INPUTS)
         m.submodules.driver = driver = Pwm()
+        wiring.connect(m, wiring.flipped(self.write), sequencer.write)
+        value, output = sequencer.value, sequencer.output
 
-        m.d.comb += [
-            meter.tick.eq(self.tick),
-            meter.count.eq(self.count),
-            meter.backward.eq(self.backward),
-            meter.age.eq(self.age),
-            meter.clock_hz.eq(self.clock_hz),
-            self.speed.eq(meter.speed),
-            profile.step.eq(meter.done),
-            profile.mode.eq(mode),
-            profile.speed.eq(settings.motor_speed),
-            profile.measured.eq(meter.speed),
-            profile.acceleration.eq(settings.motor_acceleration),
-            profile.count.eq(self.count),
-            profile.passed.eq(self.passed),
-            profile.seen.eq(self.seen),
-            profile.position.eq(position),
-            profile.low.eq(settings.sweep_low),
-            profile.high.eq(settings.sweep_high),
-            profile.search.eq(settings.motor_search),
-        ]
+        closed, driven, active = Signal(), Signal(), Signal()  # the speed is controlled; the motor moves; it may
+        stopped = self.state.stopped
+        if self.speed_loop:
+            m.d.comb += closed.eq((mode == MotorMode.SPEED) | (mode == MotorMode.SWEEP) | (mode == MotorMode.SEARCH))
+        m.d.comb += [driven.eq(closed | (mode == MotorMode.DUTY)), active.eq(closed & ~stopped)]
 
-        closed = Signal()  # the speed is controlled
+        # What has been since the last tick that was seen.
+        ticked, moved = Signal(), Signal()
+        backward_wanted, moving = Signal(), Signal()
+        before, chatter = Signal(), Signal(range(CHATTER + 1))
+        with m.If(~moving):
+            m.d.sync += chatter.eq(0)
+        with m.Elif(self.edge):
+            m.d.sync += chatter.eq(Mux(self.backward == before, 0, chatter + (chatter != CHATTER)))
+        with m.If(self.edge):
+            m.d.sync += before.eq(self.backward)
+        events = {
+            "passed": self.passed,
+            "wrong": self.wrong,
+            "right": self.edge & (self.backward == backward_wanted),
+            "chattered": chatter == CHATTER,
+            "opened": ~active,
+            "rested": ~driven,
+        }
+        been = {name: Signal(name=f"been_{name}", init=name in ("opened", "rested")) for name in events}
+        illegals = Signal(8)
         m.d.comb += [
-            closed.eq((mode == MotorMode.SPEED) | (mode == MotorMode.SWEEP) | (mode == MotorMode.SEARCH)),
-            loop.start.eq(profile.done),
-            loop.active.eq(closed & ~watch.stopped),
-            loop.target.eq(profile.target),
-            loop.speed.eq(meter.speed),
-            loop.kp.eq(settings.motor_kp),
-            loop.ki.eq(settings.motor_ki),
-            loop.kff.eq(settings.motor_kff),
-            loop.friction.eq(settings.motor_friction),
-            loop.limit.eq(settings.motor_duty_max),
+            self.sampled.eq(sequencer.resumed),
+            sequencer.event.eq(ticked | moved),
         ]
+        m.d.sync += [ticked.eq((ticked & ~self.sampled) | self.tick), moved.eq((moved & ~self.sampled) | self.edge)]
+        with m.If(self.sampled & ticked):
+            m.d.sync += [*(been[name].eq(0) for name in events), illegals.eq(self.illegal)]
+        with m.Else():
+            m.d.sync += [been[name].eq(been[name] | event) for name, event in events.items()]
+            with m.If(self.illegal & ~illegals.all()):
+                m.d.sync += illegals.eq(illegals + 1)
 
-        wanted = Signal()
-        m.d.sync += wanted.eq((profile.target >= SLOWEST) | (profile.target <= -SLOWEST))
-        m.d.comb += [
-            watch.driven.eq(closed | (mode == MotorMode.DUTY)),
-            watch.moving.eq(Mux(closed, wanted, (mode == MotorMode.DUTY) & (settings.motor_duty != 0))),
-            watch.backward_wanted.eq(profile.target < 0),
-            watch.loop.eq(closed),
-            watch.enable.eq(settings.motor_watch),
-            watch.tick.eq(self.tick),
-            watch.search_failed.eq(profile.failed),
-            watch.stall_ms.eq(settings.motor_stall_ms),
-            watch.runaway.eq(settings.motor_runaway),
-            watch.speed_max.eq(settings.motor_speed_max),
-            watch.speed.eq(meter.speed),
-            self.cause.eq(watch.cause),
-        ]
-        for name in ("encoder_tolerance", "index_tolerance", "counts_per_turn"):
-            m.d.comb += getattr(watch, name).eq(settings[name])
-        for name in ("count", "edge", "backward", "illegal", "passed", "pass_count", "wrong", "difference", "alive"):
-            m.d.comb += getattr(watch, name).eq(getattr(self, name))
+        # Of several wrong turns since then one that no tolerance allows stays; each may be followed by a right one.
+        difference, intolerable = Signal(signed(32), reset_less=True), Signal()
+        m.d.comb += intolerable.eq(been["wrong"] & (difference[8:] != difference[-1].replicate(24)))
+        with m.If(self.wrong & ~intolerable):
+            m.d.sync += difference.eq(self.difference)
 
+        sample = Signal.like(sequencer.inputs, reset_less=True)
+        flags = Signal.like(sequencer.flags, reset_less=True)
         m.d.comb += [
-            sector.position.eq(position),
-            sector.seen.eq(self.seen),
-            sector.counts_per_turn.eq(settings.counts_per_turn),
-            sector.low.eq(settings.sector_low),
-            sector.high.eq(settings.sector_high),
+            sequencer.inputs.eq(sample),
+            sequencer.inputs.clock_hz.eq(self.clock_hz),
+            sequencer.flags.eq(flags),
         ]
-        magnitude = Signal(32)
-        m.d.sync += [
-            magnitude.eq(Mux(meter.speed < 0, -meter.speed, meter.speed)),
-            self.state.in_band.eq((magnitude >= settings.speed_low) & (magnitude <= settings.speed_high)),
-        ]
-        m.d.comb += [
-            self.state.stopped.eq(watch.stopped),
-            self.state.found.eq(profile.found),
-            self.state.in_sector.eq(sector.inside),
-        ]
+        with m.If(self.sampled):
+            for name in ("count", "age", "time", "zero_count", "pass_count"):
+                m.d.sync += sample[name].eq(getattr(self, name))
+            m.d.sync += [
+                sample.illegals.eq(illegals),
+                sample.difference.eq(Mux(self.wrong & ~intolerable, self.difference, difference)),
+                flags.tick.eq(ticked),
+                flags.closed.eq(closed),
+                flags.speed_mode.eq(mode == MotorMode.SPEED),
+                flags.sweep_mode.eq(mode == MotorMode.SWEEP),
+                flags.active.eq(active),
+                flags.driven.eq(driven),
+                *(flags[name].eq(getattr(self, name)) for name in ("backward", "seen", "alive")),
+                *(flags[f"watch_{name}"].eq(Faults(settings.motor_watch)[name]) for name in FAULTS),
+                *(flags[name].eq(been[name] | event) for name, event in events.items()),
+            ]
+
+        # Results. What the mode has overtaken is void.
+        duty = Signal(signed(16))
+        with m.If(output.speed):
+            m.d.sync += self.speed.eq(value)
+        with m.If(output.band):
+            m.d.sync += self.state.in_band.eq(value < 0)
+        with m.If(output.target):
+            m.d.sync += backward_wanted.eq(value < 0)
+        with m.If(output.found):
+            m.d.sync += self.state.found.eq(value < 0)
+        with m.If(output.still):
+            m.d.sync += moving.eq(value >= 0)
+        with m.If(output.inside):
+            m.d.sync += self.state.in_sector.eq(value < 0)
+        with m.If(~active):
+            m.d.sync += duty.eq(0)
+        with m.Elif(output.duty & ~been["opened"]):
+            m.d.sync += duty.eq(value)
+        was_driven = Signal()
+        m.d.sync += was_driven.eq(driven)
+        with m.If(~driven):
+            m.d.sync += stopped.eq(0)
+        with m.Elif(~was_driven):
+            m.d.sync += self.cause.eq(0)
+        with m.Elif(output.cause & ~stopped & ~been["rested"]):
+            m.d.sync += [stopped.eq(1), self.cause.eq(value)]
 
         m.d.comb += [
             driver.period.eq(settings.motor_period),
-            driver.duty.eq(Mux(closed, loop.duty, Mux(mode == MotorMode.DUTY, settings.motor_duty, 0))),
-            driver.brake.eq(settings.motor_brake | watch.stopped),
+            driver.duty.eq(Mux(closed, duty, Mux(mode == MotorMode.DUTY, settings.motor_duty, 0))),
+            driver.brake.eq(settings.motor_brake | stopped),
             driver.enable.eq(mode != MotorMode.OFF),
             driver.antiphase.eq(settings.motor_bridge),
             self.pwm.eq(driver.pwm),

@@ -2,11 +2,9 @@
 
 from dataclasses import dataclass, replace
 
-from amaranth.hdl import Module, Mux, Signal, signed
-from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out
-
 from magtrak.protocol import MotorMode
+
+from .assembly import Program
 
 
 @dataclass(frozen=True)
@@ -22,7 +20,7 @@ class Course:
     turned: bool = False
 
 
-class Profile(wiring.Component):
+class Profile:
     """The speed that the loop has to keep, a step a millisecond.
 
     ``SPEED`` goes to ``speed``. ``SWEEP`` goes forward until the position is at ``high``, back until it is at ``low``,
@@ -34,42 +32,9 @@ class Profile(wiring.Component):
     ``target`` moves by at most ``acceleration`` a step, so a reversal is a parabola. Outside these modes it follows the
     measured speed: closing the loop makes no jump.
 
-    Latency :attr:`latency` clocks from ``step`` to ``done``; a step on the way is left out.
-
-    Members
-    -------
-    step : strobe
-    mode : a :class:`magtrak.protocol.MotorMode`; everything but the three is no course
-    speed, measured : signed Q23.8, counts a second; wanted, and as it is
-    acceleration : Q16.8 counts a second, per step
-    count : of the decoder
-    passed, seen : strobe: the index is passed; it has been since reset
-    position : counts from the zero of the index
-    low, high : where sweeps turn round
-    search : counts; 0: no end
-    target : signed Q23.8, counts a second
-    found, failed : of ``SEARCH`` and its like
-    done : strobe: ``target`` is new
+    Speeds are signed Q23.8, counts a second, ``acceleration`` Q16.8 counts a second per step; ``low``, ``high`` and
+    ``position`` are counts from the zero of the index.
     """
-
-    step: In(1)
-    mode: In(3)
-    speed: In(signed(32))
-    measured: In(signed(32))
-    acceleration: In(24)
-    count: In(signed(32))
-    passed: In(1)
-    seen: In(1)
-    position: In(signed(32))
-    low: In(signed(32))
-    high: In(signed(32))
-    search: In(24)
-    target: Out(signed(32))
-    found: Out(1)
-    failed: Out(1)
-    done: Out(1)
-
-    latency = 6
 
     @staticmethod
     def reference(
@@ -110,77 +75,84 @@ class Profile(wiring.Component):
         change = min(max(wanted - now.target, -acceleration), acceleration)
         return replace(now, found=found, target=now.target + change)
 
-    def elaborate(self, platform: object) -> Module:
-        m = Module()
-        begun, backward, turned, passed = Signal(), Signal(), Signal(), Signal()
-        start, moved = Signal(signed(32)), Signal(signed(33))
-        wanted, change = Signal(signed(32)), Signal(signed(33))
-        distance, clipped = Signal(33), Signal(signed(26))
-        far, high, low, looking, running = Signal(), Signal(), Signal(), Signal(), Signal()
-        m.d.comb += running.eq(
-            (self.mode == MotorMode.SPEED) | (self.mode == MotorMode.SWEEP) | (self.mode == MotorMode.SEARCH)
-        )
-        with m.If(self.passed):
-            m.d.sync += passed.eq(1)
-        m.d.sync += self.done.eq(0)
-        with m.FSM():
-            with m.State("Wait"):
-                m.d.sync += moved.eq(self.count - start)
-                with m.If(self.step & ~running):
-                    m.d.sync += [
-                        self.target.eq(self.measured),
-                        self.found.eq(0),
-                        self.failed.eq(0),
-                        begun.eq(0),
-                        turned.eq(0),
-                        backward.eq(0),
-                        passed.eq(self.passed),
-                        self.done.eq(1),
-                    ]
-                with m.Elif(self.step):
-                    m.d.sync += [begun.eq(1), passed.eq(self.passed), self.found.eq(self.found | passed)]
-                    with m.If(~begun):
-                        m.d.sync += [backward.eq(self.speed < 0), start.eq(self.count), moved.eq(0)]
-                    m.next = "Distance"
+    @staticmethod
+    def program(p: Program) -> None:
+        """``target``, ``found`` and ``failed`` from ``speed``, ``count``, ``position`` and the settings."""
+        p.variable("target", "course_backward", "begun", "found", "failed", "turned", "start", "wanted")
+        with p.unless("closed"):
+            p.put_copy("speed", "target")
+            p.put(0, "begun", "found", "failed", "turned")
+        with p.otherwise():
+            p.load("begun")
+            with p.unless("negative"):
+                p.put(-1, "begun")
+                p.put_copy("motor_speed", "course_backward")  # its sign is what counts
+                p.put_copy("count", "start")
+            with p.when("passed"):
+                p.put(-1, "found")
+            with p.when("speed_mode"):
+                p.put_copy("motor_speed", "wanted")
+            with p.otherwise():
+                Profile._course(p)
+            p.load("wanted")
+            p.subtract("target")
+            p.at_most("motor_acceleration", "moved")
+            p.add("motor_acceleration")  # at least its negative
+            p.at_least(0, "moved")
+            p.subtract("motor_acceleration")
+            p.add("target")
+            p.store("target")
+        p.load("found")
+        p.output("found")
 
-            with m.State("Distance"):
-                m.d.sync += distance.eq(Mux(moved < 0, -moved, moved))
-                m.next = "Compare"
+    @staticmethod
+    def _course(p: Program) -> None:
+        p.load_magnitude("motor_speed")
+        p.store("wanted")
+        p.load("course_backward")
+        with p.when("negative"):
+            p.load_negative("wanted")
+            p.store("wanted")
+        with p.when("sweep_mode"):
+            with p.when("seen"):
+                p.load("position")
+                p.subtract("sweep_high")
+                with p.unless("negative"):
+                    p.put(-1, "course_backward")
+                with p.otherwise():
+                    p.load("sweep_low")
+                    p.subtract("position")
+                    with p.unless("negative"):
+                        p.put(0, "course_backward")
+            with p.otherwise():
+                Profile._look(p)
+        with p.otherwise():
+            p.load("found")
+            with p.when("negative"):
+                p.put(0, "wanted")
+            with p.otherwise():
+                Profile._look(p)
 
-            with m.State("Compare"):
-                magnitude = Mux(self.speed < 0, -self.speed, self.speed)
-                m.d.sync += [
-                    far.eq((self.search != 0) & (distance > self.search) & ((moved < 0) == backward)),
-                    high.eq(self.position >= self.high),
-                    low.eq(self.position <= self.low),
-                    looking.eq(Mux(self.mode == MotorMode.SEARCH, ~self.found, ~self.seen)),
-                    wanted.eq(Mux(backward, -magnitude, magnitude)),
-                ]
-                with m.If(self.mode == MotorMode.SPEED):
-                    m.d.sync += wanted.eq(self.speed)
-                with m.If((self.mode == MotorMode.SEARCH) & self.found):
-                    m.d.sync += wanted.eq(0)
-                m.next = "Turn"
-
-            with m.State("Turn"):
-                m.d.sync += change.eq(wanted - self.target)
-                with m.If(self.mode != MotorMode.SPEED):
-                    with m.If(looking):
-                        with m.If(far):
-                            m.d.sync += [backward.eq(~backward), turned.eq(1), self.failed.eq(self.failed | turned)]
-                    with m.Elif(self.mode == MotorMode.SWEEP):
-                        with m.If(high):
-                            m.d.sync += backward.eq(1)
-                        with m.Elif(low):
-                            m.d.sync += backward.eq(0)
-                m.next = "Limit"
-
-            with m.State("Limit"):
-                limit = self.acceleration
-                m.d.sync += clipped.eq(Mux(change > limit, limit, Mux(change < -limit, -limit, change)))
-                m.next = "Ramp"
-
-            with m.State("Ramp"):
-                m.d.sync += [self.target.eq(self.target + clipped), self.done.eq(1)]
-                m.next = "Wait"
-        return m
+    @staticmethod
+    def _look(p: Program) -> None:
+        """Turns round where nothing came within ``search`` counts of the start, in the direction that it goes."""
+        p.load("course_backward")
+        with p.when("negative"):
+            p.load("start")
+            p.subtract("count")
+        with p.otherwise():
+            p.load("count")
+            p.subtract("start")
+        p.store("moved")
+        p.load_negative("motor_search")
+        with p.when("negative"):  # there is an end
+            p.add("moved")
+            p.subtract(1)
+            with p.unless("negative"):
+                p.load("turned")
+                with p.when("negative"):
+                    p.put(-1, "failed")
+                p.put(-1, "turned")
+                p.load_negative(1)
+                p.subtract("course_backward")
+                p.store("course_backward")

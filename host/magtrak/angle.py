@@ -73,74 +73,88 @@ def interpolate(
     quiet_until : clocks since reset until which no edge came after the last one
     known : where latches tell the count, which edges may not: a log that was thinned leaves out its last ones
     """
-    count = len(edges)
     t = (edges.time - origin).astype(np.float64)
     p = edges.position.astype(np.float64)
-    # Interval i lies before edge i; the first and the last are open.
-    i = np.searchsorted(t, times, side="right")
+    # Interval i lies before edge i; the first and the last are open. How many rows are in each:
+    bounds = np.concatenate([[0], np.searchsorted(times, t), [len(times)]])
+    rows = bounds[1:] - bounds[:-1]
     # What the encoder showed in each interval, and how far unlogged edges may have led away from it.
-    shown = np.concatenate([edges.before[:1], edges.count]).astype(np.float64)
-    away = np.append(edges.unlogged, edges.unlogged[-1]).astype(np.float64)
+    shown = np.append(edges.before[:1], edges.count).astype(np.float64)
+    away = np.append(edges.unlogged, edges.unlogged[-1:]).astype(np.float64)
     away[away < 0] = np.inf
-    if count == 1:
-        least, room = shown[i], away[i]
-        curve, stood = least + 0.5, np.ones(len(times), bool)
-    else:
-        # Each row takes its interval's numbers in one go: there are some twenty intervals and a thousand rows.
-        table = np.vstack([_curves(t, p), shown, away, _standing(t, times, quiet_until - origin)])
-        begin, c0, c1, c2, c3, least, room, still = table.take(i, axis=1)
-        x = times - begin
-        curve = c0 + x * (c1 + x * (c2 + x * c3))
-        stood = still != 0
-        before_first = int(np.searchsorted(times, t[0]))
-        stood[:before_first] |= t[0] - times[:before_first] > STANDSTILL_RATIO * (t[1] - t[0])
-    for latch in known:
-        within = slice(
-            int(np.searchsorted(times, latch.start - origin)),
-            int(np.searchsorted(times, latch.end - origin, side="right")),
-        )
-        least[within] = latch.count
-        room[within] = 0
-    standing = stood & (room == 0) if count > 1 else stood
-    position = np.minimum(np.maximum(curve, least - room), least + 1 + room)
-    return np.where(standing, least + 0.5, position), standing
+    curves = _curves(t, p) if len(edges) > 1 else np.stack([np.append(t, t), shown + 0.5, *np.zeros((3, 2))])
+    still = _standing(t, times, quiet_until - origin) if len(edges) > 1 else np.ones(2, bool)
+    table = np.vstack([curves, shown - away, shown + 1 + away])
+    # Each row takes its interval's numbers in one go: there are some twenty intervals and a thousand rows.
+    begin, c0, c1, c2, c3, low, high = table.repeat(rows, axis=1)
+    x = times - begin
+    position = c0 + x * (c1 + x * (c2 + x * c3))
+    if len(known):
+        starts = np.searchsorted(times, [latch.start - origin for latch in known])
+        ends = np.searchsorted(times, [latch.end - origin for latch in known], side="right")
+        for latch, start, end in zip(known, starts, ends, strict=True):
+            low[start:end] = latch.count
+            high[start:end] = latch.count + 1
+    np.maximum(position, low, out=position)
+    np.minimum(position, high, out=position)
+    standing = still.repeat(rows)
+    if len(edges) > 1 and rows[0]:
+        early = times[: rows[0]]
+        standing[: rows[0]] |= t[0] - early > STANDSTILL_RATIO * (t[1] - t[0])
+    if standing.any():
+        sure = standing & (high - low == 1)
+        position[sure] = low[sure] + 0.5
+        if len(edges) > 1:
+            standing = sure
+    return position, standing
 
 
 def _curves(t: Floats, p: Floats) -> Floats:
     """For each interval, the open ones included: where it begins, and the coefficients of its polynomial from there."""
-    slope, bend = _derivatives(t, p)
     h = t[1:] - t[:-1]
     s = (p[1:] - p[:-1]) / h
-    begin = np.concatenate([t[:1], t])
-    c0, c1 = np.concatenate([p[:1], p]), np.concatenate([slope[:1], slope])
+    slope, bend = _derivatives(h, s)
+    begin, c0, c1, c2, c3 = curves = np.zeros((5, len(t) + 1))
+    begin[0], begin[1:] = t[0], t
+    c0[0], c0[1:] = p[0], p
+    c1[0], c1[1:] = slope[0], slope
     # Hermite's cubic between two edges; the outermost parabolas go on.
-    c2 = np.concatenate([bend[:1] / 2, (3 * s - 2 * slope[:-1] - slope[1:]) / h, bend[-1:] / 2])
-    c3 = np.concatenate([[0.0], (slope[:-1] + slope[1:] - 2 * s) / (h * h), [0.0]])
-    return np.stack([begin, c0, c1, c2, c3])
+    c2[0], c2[1:-1], c2[-1] = bend[0] / 2, (3 * s - 2 * slope[:-1] - slope[1:]) / h, bend[-1] / 2
+    c3[1:-1] = (slope[:-1] + slope[1:] - 2 * s) / (h * h)
+    return curves
 
 
-def _derivatives(t: Floats, p: Floats) -> tuple[Floats, Floats]:
+def _derivatives(h: Floats, s: Floats) -> tuple[Floats, Floats]:
     """First and second derivative at each edge of the parabola through it and its neighbours; at an end, of the
     outermost parabola; of a straight line where there are but two edges.
+
+    Parameters
+    ----------
+    h : clocks between edges
+    s : counts a clock between them
     """
-    h = t[1:] - t[:-1]
-    s = (p[1:] - p[:-1]) / h
+    slope, bend = np.zeros(len(h) + 1), np.zeros(len(h) + 1)
     if len(s) == 1:
-        return np.repeat(s, 2), np.zeros(2)
+        slope[:] = s
+        return slope, bend
     both = h[:-1] + h[1:]
-    inner = (h[1:] * s[:-1] + h[:-1] * s[1:]) / both
-    bend = 2 * (s[1:] - s[:-1]) / both
-    slope = np.concatenate([[2 * s[0] - inner[0]], inner, [2 * s[-1] - inner[-1]]])
-    return slope, np.concatenate([bend[:1], bend, bend[-1:]])
+    slope[1:-1] = (h[1:] * s[:-1] + h[:-1] * s[1:]) / both
+    bend[1:-1] = 2 * (s[1:] - s[:-1]) / both
+    slope[0], slope[-1] = 2 * s[0] - slope[1], 2 * s[-1] - slope[-2]
+    bend[0], bend[-1] = bend[1], bend[-2]
+    return slope, bend
 
 
 def _standing(t: Floats, times: Floats, quiet_until: float) -> Booleans:
-    """Whether each interval but the one before the first edge is so long that the encoder must have stood."""
+    """Whether each interval is so long that the encoder must have stood; that before the first edge is not judged."""
     h = t[1:] - t[:-1]
-    longer_neighbour = np.maximum(np.concatenate([[0.0], h[:-1]]), np.concatenate([h[1:], [0.0]]))
-    inner = (h > STANDSTILL_RATIO * longer_neighbour) & (longer_neighbour > 0)
-    after_last = max(quiet_until, float(times.max(initial=0.0))) - t[-1] > STANDSTILL_RATIO * h[-1]
-    return np.concatenate([[False], inner, [after_last]])
+    still = np.zeros(len(t) + 1, bool)
+    if h.max() > STANDSTILL_RATIO * h.min():
+        longer_neighbour = np.maximum(np.concatenate([[0.0], h[:-1]]), np.concatenate([h[1:], [0.0]]))
+        still[1:-1] = (h > STANDSTILL_RATIO * longer_neighbour) & (longer_neighbour > 0)
+    latest = max(quiet_until, float(times[-1]) if len(times) else 0.0)
+    still[-1] = latest - t[-1] > STANDSTILL_RATIO * h[-1]
+    return still
 
 
 class AngleTracker:
@@ -193,7 +207,8 @@ class AngleTracker:
         frame = self._waiting[0][0]
         end = frame.header["last_time"] + self._offset_clocks(frame)
         newest = self._waiting[-1][0].header["last_time"]
-        return newest - end > self.patience_s * self.clock_hz or int((self._edges.time > end).sum()) >= 2
+        two_after = len(self._edges) >= 2 and bool(self._edges.time[-2] > end)
+        return two_after or newest - end > self.patience_s * self.clock_hz
 
     def _release(self) -> tuple[Frame, RowAngles]:
         frame, last_count = self._waiting.popleft()

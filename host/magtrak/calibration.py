@@ -128,6 +128,7 @@ class Calibration:
             laser[name] = getattr(self.laser, name)
         if len(self.laser.error_table):
             values.setdefault("encoder", {})["error_table"] = self.laser.error_table.tolist()
+        values.pop("ports", None)  # as read: they may have been taken out since
         if self.ports is not None:
             values["ports"] = self.ports.as_dict()
         return values

@@ -21,8 +21,12 @@ class CameraModel(Protocol):
 
     centre: Floats
 
+    def direction(self, u: Floats, v: Floats) -> Floats:
+        """Vectors (N, 3) of any length from the centre along the rays of the pixels (u, v), (N,) each, forward."""
+        ...
+
     def ray(self, u: Floats, v: Floats) -> Floats:
-        """Unit vectors (N, 3) from the centre along the rays of the pixels (u, v), (N,) each, pointing forward."""
+        """The same as unit vectors."""
         ...
 
     def project(self, points: Floats) -> Floats:
@@ -66,10 +70,14 @@ class BrownConrady:
         self.centre: Floats = np.zeros(3)
         self.steps = self._find_steps(width, height) if steps is None else steps
 
-    def ray(self, u: Floats, v: Floats) -> Floats:
+    def direction(self, u: Floats, v: Floats) -> Floats:
         x, y = self._undistort(*self._normalise(u, v), self.steps)
-        directions = np.stack([x, y, np.ones_like(x)], axis=-1)
-        return _unit(directions)
+        directions = np.ones((3, len(x)))  # component by component, as the arithmetic on many rays likes it
+        directions[0], directions[1] = x, y
+        return directions.T
+
+    def ray(self, u: Floats, v: Floats) -> Floats:
+        return _unit(self.direction(u, v))
 
     def project(self, points: Floats) -> Floats:
         points = np.asarray(points, dtype=np.float64)
@@ -88,10 +96,13 @@ class BrownConrady:
     def _terms(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         """Radial factor and tangential shifts at an undistorted point."""
         k1, k2, p1, p2, k3, k4, k5, k6 = self.distortion
-        r2 = x * x + y * y
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        dx = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-        dy = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        xx, yy, xy2 = x * x, y * y, 2 * x * y
+        r2 = xx + yy
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        if k4 or k5 or k6:
+            radial = radial / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        dx = p1 * xy2 + p2 * (r2 + 2 * xx)
+        dy = p1 * (r2 + 2 * yy) + p2 * xy2
         return radial, dx, dy
 
     def _distort(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -148,9 +159,11 @@ class Projection:
         self._inverse = np.asarray(np.linalg.inv(self.matrix[:, :3]), dtype=np.float64)
         self.centre: Floats = -self._inverse @ self.matrix[:, 3]
 
+    def direction(self, u: Floats, v: Floats) -> Floats:
+        return np.stack([a * u + b * v + c for a, b, c in self._inverse]).T
+
     def ray(self, u: Floats, v: Floats) -> Floats:
-        pixels = np.stack([u, v, np.ones_like(u)], axis=-1)
-        return _unit(pixels @ self._inverse.T)
+        return _unit(self.direction(u, v))
 
     def project(self, points: Floats) -> Floats:
         h = np.asarray(points, dtype=np.float64) @ self.matrix[:, :3].T + self.matrix[:, 3]
@@ -159,4 +172,5 @@ class Projection:
 
 
 def _unit(directions: Floats) -> Floats:
-    return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True), dtype=np.float64)
+    x, y, z = directions.T
+    return np.asarray(directions / np.sqrt(x * x + y * y + z * z)[:, None])

@@ -227,6 +227,11 @@ class Card:
                     self._ask_safety()
             yield frame
 
+    @property
+    def waiting(self) -> bool:
+        """Further frames have come already."""
+        return bool(self._frames)
+
     def _note_time(self, frame: Frame, arrival_s: float) -> None:
         card_s = frame.header["last_time"] / self.identity.clock_hz
         if card_s < self._card_time_s:

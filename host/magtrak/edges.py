@@ -22,6 +22,10 @@ SAME_EDGE_CLOCKS = 16
 class Edges:
     """Edges in order of time, one entry each.
 
+    Parameters
+    ----------
+    table : (5, N), a row for each attribute, in their order
+
     Attributes
     ----------
     time : clocks since reset, unwrapped
@@ -31,33 +35,50 @@ class Edges:
     unlogged : at most so many edges came between the one before and this one, and are not here; -1: nobody knows
     """
 
-    time: Integers
-    position: Integers
-    count: Integers
-    before: Integers
-    unlogged: Integers
+    table: Integers
 
     @classmethod
     def none(cls) -> "Edges":
-        return cls(*(np.zeros(0, np.int64) for _ in range(5)))
+        return cls(np.zeros((5, 0), np.int64))
+
+    @property
+    def time(self) -> Integers:
+        return self._row(0)
+
+    @property
+    def position(self) -> Integers:
+        return self._row(1)
+
+    @property
+    def count(self) -> Integers:
+        return self._row(2)
+
+    @property
+    def before(self) -> Integers:
+        return self._row(3)
+
+    @property
+    def unlogged(self) -> Integers:
+        return self._row(4)
+
+    def _row(self, index: int) -> Integers:
+        row: Integers = self.table[index]
+        return row
 
     def __len__(self) -> int:
-        return len(self.time)
+        return int(self.table.shape[1])
 
     def __getitem__(self, part: slice | Numbers) -> "Edges":
-        return Edges(self.time[part], self.position[part], self.count[part], self.before[part], self.unlogged[part])
+        return Edges(self.table[:, part])
 
     def __add__(self, later: "Edges") -> "Edges":
         """These and the later ones; what does not come after these is left out."""
-        if len(self):
-            later = later[later.time > self.time[-1]]
-        return Edges(
-            np.concatenate([self.time, later.time]),
-            np.concatenate([self.position, later.position]),
-            np.concatenate([self.count, later.count]),
-            np.concatenate([self.before, later.before]),
-            np.concatenate([self.unlogged, later.unlogged]),
-        )
+        if not len(self):
+            return later
+        new = later.table
+        if len(later) and new[0, 0] <= self.table[0, -1]:
+            new = new[:, new[0] > self.table[0, -1]]
+        return Edges(np.concatenate([self.table, new], axis=1))
 
 
 def wrapped_difference(a: int, b: int, bits: int = 32) -> int:
@@ -86,27 +107,30 @@ def edges_of_frame(frame: Frame, last_count: int, *, follows: bool, shift_before
     if len(time):
         # Between two logs each may have left out its share.
         unlogged[0] = unlogged[0] + (1 << shift_before) - 1 if follows else -1
-    edges = Edges(time, count + backward, count, count - 1 + 2 * backward, unlogged)
-    edges = edges[_plausible(edges, header)]
+    table = np.empty((5, len(time)), np.int64)
+    table[0], table[1], table[2] = time, count + backward, count
+    np.add(2 * backward, count - 1, out=table[3])
+    table[4] = unlogged
+    edges = _plausible(Edges(table), header)
     return edges if follows else _with_first_latch(edges, frame, last_count)
 
 
-def _plausible(edges: Edges, header: Mapping[str, int]) -> Numbers:
-    """Edges whose time is not off by a whole turn of its 32 bits.
+def _plausible(edges: Edges, header: Mapping[str, int]) -> Edges:
+    """Those edges whose time is not off by a whole turn of its 32 bits.
 
     A log is in order, and no edge lies between the latched last edge and the last row. Both hold unless an edge is
     older than the 32 bits tell apart.
     """
+    time = edges.time
     latest = header["last_time"] - header["last_age"] + SAME_EDGE_CLOCKS
-    wrong = (edges.time > latest) & (edges.time <= header["last_time"])
-    rises = np.diff(edges.time, prepend=edges.time[:1]) >= 0
+    wrong = (time > latest) & (time <= header["last_time"])
+    bad = wrong.copy()
+    bad[1:] |= time[1:] < time[:-1]
+    if not bad.any():
+        return edges
     # What comes before a fall in time, or a wrong edge, is older still.
-    bad = np.flatnonzero(wrong | ~rises)
-    keep = np.ones(len(edges), bool)
-    if len(bad):
-        first_good = bad[-1] + 1 if wrong[bad[-1]] else bad[-1]
-        keep[:first_good] = False
-    return keep
+    last_bad = int(np.flatnonzero(bad)[-1])
+    return edges[last_bad + 1 if wrong[last_bad] else last_bad :]
 
 
 def _with_first_latch(edges: Edges, frame: Frame, last_count: int) -> Edges:
@@ -131,5 +155,5 @@ def _with_first_latch(edges: Edges, frame: Frame, last_count: int) -> Edges:
     counts = np.concatenate([edges.count[max(at - 1, 0) : at], [count], edges.count[at : at + 1]])
     if not (np.diff(counts) * (1 - 2 * down) > 0).all():
         return edges
-    latch = Edges(*(np.array([value], np.int64) for value in (time, count + down, count, count - 1 + 2 * down, -1)))
+    latch = Edges(np.array([[time], [count + down], [count], [count - 1 + 2 * down], [-1]], np.int64))
     return edges[:at] + latch + edges[at:]

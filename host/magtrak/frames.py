@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import protocol
-from .arrays import Booleans, Floats, Integers, Numbers
+from .arrays import Booleans, Floats, Integers
 from .protocol import FieldParity, Layout, RowForm
 
 _ROWS = {RowForm.COMPACT: protocol.COMPACT_ROW, RowForm.FULL: protocol.FULL_ROW}
@@ -86,6 +86,8 @@ def unpack_records(layout: Layout, data: bytes | memoryview, count: int) -> dict
     """
     if layout.size == 4:
         return _unpack_words(layout, np.frombuffer(data, "<u4", count))
+    if layout.size == 8:
+        return _unpack_words(layout, np.frombuffer(data, "<i8", count))
     words = -(-layout.size // 8)
     padded = np.zeros((count, 8 * words), np.uint8)
     padded[:, : layout.size] = np.frombuffer(data, np.uint8, count * layout.size).reshape(count, layout.size)
@@ -106,16 +108,17 @@ def unpack_records(layout: Layout, data: bytes | memoryview, count: int) -> dict
     return fields
 
 
-def _unpack_words(layout: Layout, word: Numbers) -> dict[str, Integers]:
-    """As :func:`unpack_records`, for records of 32 bits without signed fields."""
+def _unpack_words(layout: Layout, word: Integers) -> dict[str, Integers]:
+    """As :func:`unpack_records`, for records of a word; only one of 64 bits may have signed fields."""
     fields = {}
     for offset, field in layout:
-        assert not field.signed
-        value = word >> np.uint32(offset) if offset else word
-        if offset + field.bits < 32:
-            value = value & np.uint32((1 << field.bits) - 1)
-        if not field.reserved:
-            fields[field.name] = value.astype(np.int64)
+        if field.reserved:
+            continue
+        if field.signed:
+            assert layout.bits == 64
+            fields[field.name] = word << 64 - offset - field.bits >> 64 - field.bits
+        else:
+            fields[field.name] = (word >> offset if offset else word) & ((1 << field.bits) - 1)
     return fields
 
 

@@ -5,6 +5,7 @@ n(alpha) = Rz(alpha) (0, cos tilt, sin tilt) and the equation n . P = offset; ti
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -51,10 +52,16 @@ class Laser:
 
     def planes(self, alpha: Floats) -> tuple[Floats, Floats]:
         """Planes n . P = d in C: unit normals (N, 3) and d (N,) in mm, for angles (N,)."""
-        alpha = np.asarray(alpha, dtype=np.float64)
+        parts = self._parts
+        planes = parts[0] * -np.sin(alpha) + parts[1] * np.cos(alpha) + parts[2]
+        return planes[:3].T, planes[3]
+
+    @cached_property
+    def _parts(self) -> Floats:
+        """Normal and d are linear in -sin(alpha), cos(alpha) and 1: (3, 4, 1), the coefficients of each."""
         cos_tilt, sin_tilt = np.cos(self.tilt_rad), np.sin(self.tilt_rad)
         # Columns: the laser's axes in C; n = -sin(alpha) cos(tilt) X + cos(alpha) cos(tilt) Y + sin(tilt) Z.
         axes, origin = self.camera_from_laser[:3, :3], self.camera_from_laser[:3, 3]
-        sine, cosine = -np.sin(alpha)[:, None], np.cos(alpha)[:, None]
-        normals = sine * (cos_tilt * axes[:, 0]) + cosine * (cos_tilt * axes[:, 1]) + sin_tilt * axes[:, 2]
-        return normals, normals @ origin + self.offset_mm
+        normal = np.array([cos_tilt, cos_tilt, sin_tilt])[:, None] * axes.T
+        d = normal @ origin + [0, 0, self.offset_mm]
+        return np.hstack([normal, d[:, None]])[:, :, None]

@@ -32,7 +32,7 @@ class InAir:
 
     def locate(self, u: Floats, v: Floats, alpha: Floats) -> Triangulated:
         normals, offsets = self.laser.planes(alpha)
-        return triangulate(self.camera.centre, self.camera.ray(u, v), normals, offsets, self.min_sine)
+        return triangulate(self.camera.centre, self.camera.direction(u, v), normals, offsets, self.min_sine)
 
 
 class InWater:

@@ -168,7 +168,7 @@ class Receiver:
                     if not begun:
                         self._begin(scan, frame)
                         begun = True
-                    scan.push(frame)
+                    scan.push(frame, more=self.card.waiting)
                     self._last_s = time.monotonic()
                     if self._recorder is not None:
                         self._recorder.profile(frame)

@@ -203,7 +203,7 @@ class Replay:
             if recorded.away_s:
                 scan.restart(recorded.away_s)
             first = scan.counts.frames == 0
-            scan.push(recorded.frame)
+            scan.push(recorded.frame, more=True)
             if not scan.counts.restarts:  # time 0 is in the first session
                 header = recorded.frame.header
                 zero_s = header["first_time"] / scan.clock_hz if first else zero_s

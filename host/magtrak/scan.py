@@ -1,11 +1,12 @@
 """From frames to a cloud: angles, rays, planes, points, and the count of everything that gave none."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from .angle import AngleTracker, RowAngles, bare_angles
-from .arrays import Booleans, Records
+from .arrays import Booleans, Floats, Integers, Records
 from .calibration import Calibration
 from .cloud.points import POINT
 from .errors import CalibrationError, CardResetError
@@ -13,6 +14,11 @@ from .frames import Frame
 from .locate import locator
 from .protocol import Phase
 from .triangulate import MIN_SINE, quality
+
+TOGETHER = 8
+"""Frames whose points are computed together where they wait."""
+
+QUALITY_FLAGS = ("ambiguous", "saturated", "cut", "overflow")
 
 
 @dataclass
@@ -64,7 +70,7 @@ class Scan:
     Attributes
     ----------
     counts : see :class:`Counts`
-    chunks : points so far, an array of ``POINT`` per frame that gave some; begins with an empty one
+    chunks : points so far, an array of ``POINT`` for a frame or some; begins with an empty one
     """
 
     def __init__(
@@ -84,14 +90,18 @@ class Scan:
         self.chunks: list[Records] = [np.zeros(0, POINT)]
         self._locator = locator(calibration, min_sine)
         self._tracker = AngleTracker(clock_hz, calibration.camera.time_offset_s)
+        self._ready: list[tuple[Frame, RowAngles]] = []
         self._encoder_errors_before = 0
         # Of the first frame after a restart: what the points of the frame have.
         self._frame_base, self._time_base_s = 0, 0.0
         self._first: Frame | None = None
         self._last: Frame | None = None
 
-    def push(self, frame: Frame) -> None:
+    def push(self, frame: Frame, *, more: bool = False) -> None:
         """Take the next frame. Its points come a few frames later.
+
+        With ``more`` the next frame is waiting already: points of some frames may be computed together, which takes
+        half the time and gives the same points.
 
         Raises
         ------
@@ -112,11 +122,9 @@ class Scan:
         self.counts.frames += 1
         errors = max(frame.encoder_errors - self._first.encoder_errors, 0)
         self.counts.encoder_errors = self._encoder_errors_before + errors
-        if self.bare:
-            self._add(frame, bare_angles(frame))
-            return
-        for ready, angles in self._tracker.push(frame):
-            self._add(ready, angles)
+        self._ready += [(frame, bare_angles(frame))] if self.bare else self._tracker.push(frame)
+        if not more or len(self._ready) >= TOGETHER:
+            self._settle()
 
     def restart(self, after_s: float) -> None:
         """The card was away and may have been reset: its next frame comes ``after_s`` after the last one."""
@@ -131,8 +139,8 @@ class Scan:
 
     def finish(self) -> None:
         """No more frames will come: use those held back."""
-        for frame, angles in self._tracker.flush():
-            self._add(frame, angles)
+        self._ready += self._tracker.flush()
+        self._settle()
 
     def cloud(self) -> Records:
         """All points so far."""
@@ -162,43 +170,65 @@ class Scan:
         if self._last is not None and header["first_time"] <= self._last.header["first_time"]:
             raise CardResetError("the card was reset during the scan: check its power, then start again")
 
-    def _add(self, frame: Frame, angles: RowAngles) -> None:
-        assert self._first is not None
+    def _settle(self) -> None:
+        """Points of the frames whose angles are known."""
+        measured = [(frame, angles) for frame, angles in self._ready if self._is_measured(frame)]
+        self._ready = []
+        if measured:
+            self._add(*zip(*measured, strict=True))
+
+    def _is_measured(self, frame: Frame) -> bool:
         phase = frame.header["phase"]
-        if phase != Phase.MEASURED:
-            self.counts.unsubtracted_frames += phase == Phase.UNSUBTRACTED
-            self.counts.dark_frames += phase != Phase.UNSUBTRACTED
-            return
-        if not frame.flags["index_seen"]:
+        if phase == Phase.UNSUBTRACTED:
+            self.counts.unsubtracted_frames += 1
+        elif phase != Phase.MEASURED:
+            self.counts.dark_frames += 1
+        elif not frame.flags["index_seen"]:
             self.counts.unreferenced_frames += 1
-            return
-        rows = frame.rows
-        grade = quality(rows.peak, rows.width_px, rows.ambiguous, rows.saturated, rows.cut, rows.overflow)
-        use = rows.valid & (grade >= self.min_quality)
-        self.counts.poor += int(np.count_nonzero(rows.valid)) - int(np.count_nonzero(use))
+        else:
+            return True
+        return False
+
+    def _add(self, frames: tuple[Frame, ...], angles: tuple[RowAngles, ...]) -> None:
+        rows = [frame.rows for frame in frames]
+        valid, peak = _joined([each.valid for each in rows]), _joined([each.peak for each in rows])
+        width_px = _joined([each.width_px for each in rows])
+        flags = [_joined([getattr(each, name) for each in rows]) for name in QUALITY_FLAGS]
+        grade = quality(peak, width_px, *flags)
+        use = valid & (grade >= self.min_quality)
+        self.counts.poor += int(np.count_nonzero(valid)) - int(np.count_nonzero(use))
         some = _all_or(use)
-        column, row, counts = rows.column_px[some], rows.row[some], angles.counts[some]
-        alpha = self.calibration.laser.alpha(counts)
+        column = _joined([each.column_px for each in rows])[some]
+        row = _joined([each.row for each in rows])[some]
+        alpha = self.calibration.laser.alpha(_joined([each.counts for each in angles])[some])
         found = self._locator.locate(column, row.astype(np.float64), alpha)
         self.counts.parallel += found.parallel
         self.counts.behind += found.behind
         good = _all_or(found.valid)
         where = found.points[good]
-        start = frame.header["first_time"] - self._first.header["first_time"]
+        times = [self._seconds(frame) + frame.row_times() / self.clock_hz for frame in frames]
+        numbers = [self._number(frame) for frame in frames]
         points = np.zeros(len(where), POINT)
         points["x"], points["y"], points["z"] = where.T
-        points["intensity"] = rows.peak[some][good] / 255
+        points["intensity"] = peak[some][good] / 255
         points["quality"] = grade[some][good]
-        points["scalar_frame"] = self._number(frame)
+        points["scalar_frame"] = np.repeat(numbers, [len(each.row) for each in rows])[some][good]
         points["scalar_row"] = row[good]
         points["scalar_column"] = column[good]
         points["scalar_angle"] = alpha[good]
-        points["scalar_width"] = rows.width_px[some][good]
-        points["scalar_time"] = self._time_base_s + (start + frame.row_times()[some][good]) / self.clock_hz
+        points["scalar_width"] = width_px[some][good]
+        points["scalar_time"] = _joined(times)[some][good]
         self.counts.points += len(points)
-        self.counts.standing += int(np.count_nonzero(angles.standing[some][good]))
+        self.counts.standing += int(np.count_nonzero(_joined([each.standing for each in angles])[some][good]))
         if len(points):
             self.chunks.append(points)
+
+
+T = TypeVar("T", Floats, Integers, Booleans)
+
+
+def _joined(arrays: list[T]) -> T:
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
 def _all_or(mask: Booleans) -> Booleans | slice:

@@ -38,19 +38,25 @@ def triangulate(
     Parameters
     ----------
     centre : P0, (3,), mm
-    directions : v, unit vectors (N, 3)
+    directions : v, (N, 3), of any length
     normals : n, unit vectors (N, 3)
     offsets : d, (N,), mm
-    min_sine : rays with |n . v| below it are rejected
+    min_sine : rays with |n . v| / |v| below it are rejected
     """
-    sine = np.einsum("ij,ij->i", normals, directions)
-    crossing = np.abs(sine) >= min_sine
-    distance = (offsets - normals @ centre) / np.where(crossing, sine, 1.0)
+    x, y, z = directions.T
+    nx, ny, nz = normals.T
+    slope = nx * x + ny * y + nz * z
+    crossing = slope * slope >= min_sine * min_sine * (x * x + y * y + z * z)
+    crosses = int(np.count_nonzero(crossing))
+    height = offsets - normals @ centre if centre.any() else offsets
+    distance = height / (slope if crosses == len(slope) else np.where(crossing, slope, 1.0))
     valid = crossing & (distance > 0)
-    points = centre + distance[:, None] * directions
-    if not valid.all():
+    good = int(np.count_nonzero(valid))
+    points = distance[:, None] * directions
+    if centre.any():
+        points += centre
+    if good < len(valid):
         points[~valid] = np.nan
-    crosses, good = int(np.count_nonzero(crossing)), int(np.count_nonzero(valid))
     return Triangulated(points, valid, len(valid) - crosses, crosses - good)
 
 

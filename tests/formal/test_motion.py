@@ -10,10 +10,11 @@ from amaranth.lib.wiring import In
 
 from gateware.frame.alternation import Alternation
 from gateware.motion.angle import AngleLatch
+from gateware.motion.assembly import LOW_BITS, WORD_BITS
 from gateware.motion.interlock import SYNCHRONISER_STAGES, Interlock
-from gateware.motion.loop import _TERM, FULL, SpeedLoop
 from gateware.motion.pwm import SHORTEST_PERIOD, Pwm
 from gateware.motion.quadrature import UNKNOWN, Quadrature
+from gateware.motion.sequencer import Adder, Op
 from magtrak.protocol import LASER_KEY, AmbientMode, Phase
 from tests.support.formal import ProofError, past, prove
 
@@ -297,45 +298,49 @@ class PulsesAreExact(wiring.Component):
         return m
 
 
-class LoopNeverWraps(wiring.Component):
-    """Every intermediate value of the speed loop stays within its register, whatever the inputs."""
+class ArithmeticIsExact(wiring.Component):
+    """One step of each instruction, for every accumulator, L and operand.
 
-    start: In(1)
-    active: In(1)
-    target: In(signed(32))
-    speed: In(signed(32))
-    kp: In(24)
-    ki: In(24)
-    kff: In(24)
-    friction: In(15)
-    limit: In(15)
+    With A and L as one number ``A << 32 | L``, a step of a product adds the operand, if L is odd, and halves; a step of
+    a quotient doubles, and subtracts the operand and counts 1 if that leaves no less than 0. From these follow product
+    and quotient, step by step.
+    """
+
+    op: In(Op)
+    a: In(signed(WORD_BITS))
+    b: In(signed(WORD_BITS))
+    low: In(LOW_BITS)
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.dut = dut = SpeedLoop()
-        for name in self.signature.members:
-            m.d.comb += getattr(dut, name).eq(getattr(self, name))
-        bound = FULL << 16
-        for value, limit in (
-            (dut._integral, bound),
-            (dut._increment, (1 << 31) - 1),
-            (dut._candidate, bound + (1 << 31) - 1),
-            (dut._proportional, _TERM),
-            (dut._forward, _TERM),
-            (dut._wanted, 2 * _TERM + 2 * FULL),
-            (dut.duty, FULL),
+        m.submodules.dut = dut = Adder()
+        a, b, low, result, next_low = self.a, self.b, self.low, dut.result, dut.next_low
+        m.d.comb += [
+            *(getattr(dut, name).eq(getattr(self, name)) for name in ("op", "a", "low")),
+            dut.b.eq(Mux(dut.negative, ~b, b)),
+        ]
+        both, after = Signal(signed(WORD_BITS + LOW_BITS)), Signal(signed(WORD_BITS + LOW_BITS))
+        m.d.comb += [both.eq(Cat(low, a)), after.eq(Cat(next_low, result))]
+        bound = 1 << WORD_BITS - 1
+        added = a + b
+        for op, value in (
+            (Op.LOAD, b),
+            (Op.LOAD_NEGATIVE, -b),
+            (Op.ADD, added),
+            (Op.SUBTRACT, a - b),
         ):
-            m.d.comb += Assert((value <= limit) & (value >= -limit))
-        limit, wanted, opened = past(m, self.limit), past(m, dut._wanted), past(m, ~self.active)
-        with m.If(dut.done):
-            m.d.comb += Assert((dut.duty <= limit) & (dut.duty >= -limit))
-            # It saturates on the side of what is wanted.
-            m.d.comb += [
-                Assert((wanted <= limit) | (dut.duty == limit)),
-                Assert((wanted >= -limit) | (dut.duty == -limit)),
-            ]
-        with m.If(opened):
-            m.d.comb += Assert((dut.duty == 0) & (dut._integral == 0))
+            with m.If((self.op == op) & (value < bound) & (value >= -bound)):
+                m.d.comb += Assert(result == value)
+        with m.If(self.op == Op.WRAP):
+            m.d.comb += Assume(b == 0)  # as the sequencer has it
+            m.d.comb += Assert(result == a[:32].as_signed())
+        with m.If(self.op == Op.TO_LOW):
+            m.d.comb += Assert(next_low == a[:32])
+        with m.If((self.op == Op.MULTIPLY) & (added < bound) & (added >= -bound)):
+            m.d.comb += Assert(after == (both + (Mux(low[0], b, 0) << LOW_BITS)) >> 1)
+        with m.If((self.op == Op.DIVIDE) & (a >= 0) & (a < bound >> 1) & (b >= 0)):
+            rest = (both << 1) - (b << LOW_BITS)
+            m.d.comb += Assert(after == Mux(rest >= 0, rest + 1, both << 1))
         return m
 
 
@@ -358,8 +363,8 @@ def test_pulses_are_exact_and_whole(period, periods):
     prove(PulsesAreExact(period), "bmc", 2 * SHORTEST_PERIOD + periods * period + 3, timeout_s=300)
 
 
-def test_speed_loop_never_wraps():
-    prove(LoopNeverWraps(), "prove", 6)
+def test_arithmetic_is_exact():
+    prove(ArithmeticIsExact(), "bmc", 1)
 
 
 class TrustsTheHost(LaserNeedsEveryCondition):

@@ -3,7 +3,7 @@
 from fractions import Fraction
 
 import pytest
-from amaranth.hdl import Assert, Assume, Cat, Const, Module, Signal
+from amaranth.hdl import Assert, Assume, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
@@ -18,7 +18,7 @@ class ReceivesWhatIsSent(wiring.Component):
 
     ``ratio`` (the sender's clocks per clock of the receiver), ``offset`` (its phase) and ``data`` are free. The
     sender is :class:`~gateware.link.uart.UartTransmitter`'s arithmetic: bits change in the clocks in which its own
-    phase wraps.
+    phase wraps, and the phase begins anew with each byte.
 
     Parameters
     ----------
@@ -57,6 +57,8 @@ class ReceivesWhatIsSent(wiring.Component):
         later = Signal(_PHASE_BITS + 1)
         m.d.comb += [following.eq(time + ratio), later.eq(phase + (ticks * step)[: _PHASE_BITS + 1])]
         levels = Cat(*(Cat(Const(0, 1), sent.word_select(n, 8), Const(1, 1)) for n in range(self.count)))
+        stop = Signal()
+        m.d.comb += stop.eq(Cat(bit == 10 * n + 9 for n in range(self.count)).any())
         idle = Signal(range(6), init=5)  # long enough for the receiver to know
         m.d.sync += idle.eq(idle - (idle != 0))
         m.d.comb += dut.rx.eq(1)
@@ -67,6 +69,10 @@ class ReceivesWhatIsSent(wiring.Component):
                 m.d.sync += phase.eq(later)
                 with m.If(later[-1]):
                     m.d.sync += bit.eq(bit + 1)
+                    with m.If(stop):
+                        # Of two clocks that this clock holds, the second may be the new byte's.
+                        second = (ticks == 2) & ((phase + step) >> _PHASE_BITS != 0)
+                        m.d.sync += phase.eq(Mux(second, step, 0))
 
         came = Signal(range(self.count + 1))
         clocks = Signal(range(self.depth + 1))

@@ -31,7 +31,7 @@ class Station(wiring.Component):
         connect(m, link.tx, flipped(self.tx))
         connect(m, link.command, registers.command)
         connect(m, registers.answer, link.answer)
-        m.d.comb += registers.status.damaged_commands.eq(link.damaged)
+        m.d.comb += [registers.status.damaged_commands.eq(link.damaged), registers.write.ready.eq(1)]
         return m
 
 

@@ -3,12 +3,13 @@
 import random
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import connect
 
-from gateware.link.uart import ROOM, Uart, UartReceiver, UartTransmitter
+from gateware.link.uart import _PHASE_BITS, ROOM, Uart, UartReceiver, UartTransmitter
 from tests.support.simulation import simulate
 from tests.support.streams import receive, send
 
@@ -45,23 +46,36 @@ def counted(dut, levels, *, take):
     return bytes(got), errors
 
 
-@pytest.mark.parametrize(
-    ("clocks_per_bit", "percent"),
-    [("4.17", "1.3"), ("9.7", "3.3"), ("13", "4"), ("21.7", "4"), ("41.3", "4")],  # others are proved
-)
-@pytest.mark.parametrize("sign", [-1, 0, 1])
-def test_receives_within_the_tolerance(clocks_per_bit, percent, sign):
-    nominal = Fraction(clocks_per_bit)
-    sent = nominal * (1 + sign * Fraction(percent) / 100)
-    dut = UartReceiver(clock_hz=round(nominal * 1_000_000), baud=1_000_000)
-    for eighth in range(8):
-        levels = [1] * 8 + list(line(DATA, sent, start=Fraction(eighth, 8))) + [1] * 40
-        assert counted(dut, levels, take=True) == (DATA, 0)
+BIT = 1 << _PHASE_BITS  # of phase
+STEPS = [BIT // 4, BIT * 100 // 417, BIT // 8, BIT * 10 // 97, BIT // 13, 80313, 48321, BIT // 434, 104]
 
 
-@pytest.mark.parametrize("clocks_per_bit", [3, 3.5, 8.68, 41.3])
-def test_transmits_at_its_rate(clocks_per_bit):
-    dut = UartTransmitter(clock_hz=int(clocks_per_bit * 1e6), baud=1_000_000)
+def sampled(step):
+    """The clock around which each of the ten bits is read, from the first low one on; for an array of steps too."""
+    return -((step // 2 - (2 * np.arange(10)[:, None] + 1) * (BIT // 2)) // step)
+
+
+def changed(step, bits):
+    """The clock in which the transmitter puts each of the bits on the line, from its start bit's on."""
+    return -(-bits[:, None] * BIT // step)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_bits_are_read_when_the_formula_says(step):
+    # Each bit is high for two clocks only, of which the formula's is one: the other is that before, and that after.
+    dut = UartReceiver(BIT, step)
+    assert dut.step == step
+    clocks = sampled(np.array([step]))[1:, 0]
+    for neighbour in (-1, 1):
+        levels = np.zeros(clocks[-1] + 30, int)
+        levels[clocks] = levels[clocks + neighbour] = 1
+        levels[clocks[-1] + 3 :] = 1
+        assert counted(dut, [1] * 8 + levels.tolist(), take=True) == (b"\xff", 0)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_bits_are_sent_when_the_formula_says(step):
+    dut = UartTransmitter(BIT, step)
     levels = []
 
     async def watch(ctx):
@@ -69,17 +83,55 @@ def test_transmits_at_its_rate(clocks_per_bit):
             levels.append((await ctx.tick().sample(dut.tx))[2])
 
     async def drive(ctx):
-        await send(ctx, dut.i, DATA)
-        await ctx.tick().until(dut.i.ready)
-        await ctx.tick()
+        await send(ctx, dut.i, b"\x55\x55")
+        await ctx.tick().repeat(10 * BIT // step + 20)
 
-    simulate(dut, drive, watch, clocks=100_000)
-    at = levels.index(0)
-    for number, byte in enumerate(DATA):
-        for bit, level in enumerate([0, *(byte >> n & 1 for n in range(8)), 1]):
-            # An edge is up to a clock late: half a clock after the middle is inside.
-            middle = at + (10 * number + bit + 0.5) * clocks_per_bit + 0.5
-            assert levels[int(middle)] == level, (number, bit)
+    simulate(dut, drive, watch, clocks=30 * BIT // step + 100)
+    first, *_ = edges = np.flatnonzero(np.diff(levels))
+    bits = changed(np.array([step]), np.arange(11))[:, 0]
+    assert (edges - first).tolist() == [*bits[:10], *(bits[10] + bits[:10])]
+
+
+@pytest.mark.parametrize(
+    ("least", "below", "slowest", "fastest"),
+    [
+        (4, 8, Fraction(987, 1000), Fraction(1013, 1000)),
+        (8, 13, Fraction(967, 1000), Fraction(1033, 1000)),
+        (13, 10_000, Fraction(98, 102), Fraction(102, 98)),
+    ],
+)
+def test_every_rate_has_the_tolerance(least, below, slowest, fastest):
+    """For each step there is: every bit is read within it, whatever the phase of the two clocks.
+
+    The line falls less than a clock before the receiver's first low one, which is clock 0. A bit whose middle sample
+    is its own has the majority. ``slowest`` and ``fastest`` bound the receiver's clocks in one of the sender's; what
+    lies between follows, for all is linear in it.
+    """
+    step = np.arange(BIT // below + 1, BIT // least + 1)
+    read = sampled(step)
+    begin = changed(step, np.arange(10))  # of each bit, after the start bit's own edge
+    end = changed(step, np.arange(1, 11))
+    assert (fastest.denominator * read[1:] >= fastest.numerator * begin[1:]).all()  # that edge at clock 0
+    assert (slowest.numerator * end >= slowest.denominator * (read + 1)).all()  # that edge just after clock -1
+
+
+def test_the_rates_have_no_more_than_they_need():
+    step = np.arange(BIT // 10_000 + 1, BIT // 13 + 1)
+    assert (100 * sampled(step)[1:] < 105 * changed(step, np.arange(1, 10))).any()
+
+
+@pytest.mark.parametrize(
+    ("clocks_per_bit", "percent"),
+    [("4.17", "1.3"), ("9.7", "3.3"), ("13", "4"), ("21.7", "4")],
+)
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_receives_from_a_sender_of_exact_bits(clocks_per_bit, percent, sign):
+    nominal = Fraction(clocks_per_bit)
+    sent = nominal * (1 + sign * Fraction(percent) / 100)
+    dut = UartReceiver(clock_hz=round(nominal * 1_000_000), baud=1_000_000)
+    for eighth in range(8):
+        levels = [1] * 8 + list(line(DATA, sent, start=Fraction(eighth, 8))) + [1] * 40
+        assert counted(dut, levels, take=True) == (DATA, 0)
 
 
 class Loop(wiring.Component):

@@ -1,13 +1,20 @@
 """USB at the level of UTMI: a host enumerates the card, and moves bytes however slowly either side takes them."""
 
 import random
+import warnings
 
 import pytest
 
-from gateware.link.usb import FULL_SPEED_BYTES, PRODUCT, VENDOR, UsbSerial, utmi
+from gateware.link.usb import FULL_SPEED_BYTES, HIGH_SPEED_BYTES, PRODUCT, VENDOR, UsbSerial, utmi
 from magtrak.protocol import Packet, frame_packet
 from tests.support.streams import receive, send
+from tests.support.ulpi import UlpiHost, ulpi_bus
 from tests.support.usb import StalledError, UsbHost, simulate_usb
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)
+    from luna.gateware.interface.ulpi import UTMITranslator
+    from luna.gateware.usb.usb2.reset import USBResetSequencer
 
 SERIAL = "00c0ffee12345678"
 DATA = 4  # the endpoint
@@ -57,6 +64,46 @@ def test_enumeration():
         assert (await host.control((0x80, GET_DESCRIPTOR, 0x0100, 0, 18))) == device
 
     simulate_usb(dut, testbench)
+
+
+def test_high_speed_through_a_phy(monkeypatch):
+    """Register writes, chirps, enumeration and bulk packets of 512 bytes on a ULPI bus; the long waits made short."""
+    monkeypatch.setattr(UTMITranslator, "_CYCLES_1_MILLISECONDS", 100)
+    monkeypatch.setattr(USBResetSequencer, "_CYCLES_2_MILLISECONDS", 1000)
+    bus = ulpi_bus()
+    dut = UsbSerial(bus, SERIAL, HIGH_SPEED_BYTES)
+    to_host = bytes(n % 255 + 1 for n in range(2000)) + b"\0" + b"short\0"
+    to_card = bytes(random.Random(1).randrange(256) for _ in range(1200))
+    at_card = bytearray()
+
+    async def card_sends(ctx):
+        await send(ctx, dut.i, to_host)
+
+    async def card_takes(ctx):
+        at_card.extend(await receive(ctx, dut.o, len(to_card)))
+
+    async def testbench(ctx):
+        host = UlpiHost(ctx, bus)
+        _, configuration, strings = await enumerate_card(host)
+        assert host.chirp > 500
+        # In the end: no chirp, high-speed termination, driving (function control, 0x04), no pull-downs (0x0A).
+        assert host.registers[0x04] & 0x1F == 0
+        assert host.registers[0x0A] & 0b110 == 0
+        assert strings == ["Magtrak", "Magtrak card", SERIAL]
+        assert bytes([7, 5, 0x84, 2]) + HIGH_SPEED_BYTES.to_bytes(2, "little") in configuration
+        got, sent = bytearray(), 0
+        while len(got) < len(to_host) or sent < len(to_card):
+            packet = to_card[sent : sent + HIGH_SPEED_BYTES]
+            if packet and await host.transfer_out(DATA, packet):
+                sent += len(packet)
+            got += await host.transfer_in(DATA) or b""
+            await host.clock(400)
+        await host.clock(2000)
+        assert got == to_host
+        assert at_card == to_card
+        assert [len(packet) for packet in host.in_packets if packet] == [512, 512, 512, 465, 6]
+
+    simulate_usb(dut, testbench, card_sends, card_takes, usb_hz=60e6)
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -5,25 +5,28 @@ import random
 import pytest
 
 from gateware.motion.loop import FULL, Loop, SpeedLoop
-from tests.support.trace import trace
-
-GAP = SpeedLoop.latency + 3
+from tests.support.motor_program import Stepped
 
 
 def run(steps):
     """Duties after each step, ours and the definition's."""
-    stimulus, want, now = [], [], Loop()
+    loop, got, want, now = Stepped(SpeedLoop.program, "target", "speed", "scratch"), [], [], Loop()
     for step in steps:
-        stimulus += [{**step, "start": 1, "active": 1}, *[{"start": 0}] * (GAP - 1)]
+        outputs = loop.step(**{NAMES.get(name, name): value for name, value in step.items()})
         now = SpeedLoop.reference(now, **step)
+        assert outputs == {"duty": now.duty} and loop.state["integral"] == now.integral
+        got.append(outputs["duty"])
         want.append(now.duty)
-    got = trace(SpeedLoop(), stimulus, ("duty", "done"))
-    assert [clock for clock, done in enumerate(got["done"]) if done] == [
-        number * GAP + SpeedLoop.latency for number in range(len(steps))
-    ], "the latency is constant"
-    return got["duty"][GAP - 1 :: GAP], want
+    return got, want
 
 
+NAMES = {
+    "kp": "motor_kp",
+    "ki": "motor_ki",
+    "kff": "motor_kff",
+    "friction": "motor_friction",
+    "limit": "motor_duty_max",
+}
 BASE = {"target": 0, "speed": 0, "kp": 0, "ki": 0, "kff": 0, "friction": 0, "limit": FULL}
 
 
@@ -59,13 +62,9 @@ def test_no_windup():
 
 
 def test_opened_loop_forgets():
-    step = BASE | {"target": 100 << 8, "ki": 1 << 16}
-    stimulus = [step | {"start": 1, "active": 1}, *[{"start": 0}] * GAP]
-    stimulus += [{"active": 0}, {"active": 1}, {"start": 1}, *[{"start": 0}] * GAP]
-    # Opened in the middle of a step: that one is void.
-    stimulus += [{"start": 1}, *[{"start": 0}] * 20, {"active": 0}, *[{"active": 1}] * GAP]
-    got = trace(SpeedLoop(), stimulus, ("duty",))["duty"]
-    assert (got[GAP], got[GAP + 2], got[2 * GAP + 3], got[-1]) == (100, 0, 100, 0)
+    loop = Stepped(SpeedLoop.program, "target", "speed", "scratch")
+    step = {"target": 100 << 8, "motor_ki": 1 << 16, "motor_duty_max": FULL}
+    assert [loop.step(**step, opened=opened)["duty"] for opened in (1, 0, 1, 0, 0)] == [100, 200, 100, 200, 300]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -73,7 +72,7 @@ def test_random_steps(seed):
     rng = random.Random(seed)
     print(f"seed {seed}")
     steps = []
-    for _ in range(120):
+    for _ in range(1000):
         wide = rng.choice([8, 16, 24, 31])
         gain = rng.choice([8, 16, 24])
         steps.append(

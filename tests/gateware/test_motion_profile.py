@@ -7,25 +7,35 @@ import pytest
 from gateware.motion.profile import Course, Profile
 from gateware.motion.sector import Sector
 from magtrak.protocol import MotorMode
-from tests.support.trace import trace
+from tests.support.motor_program import Stepped
 
-GAP = Profile.latency + 2
+MODES = (MotorMode.SPEED, MotorMode.SWEEP, MotorMode.SEARCH)
 BASE = {"mode": MotorMode.SPEED, "speed": 1000, "measured": 0, "acceleration": 100, "count": 0, "passed": 0, "seen": 1}
 BASE |= {"position": 0, "low": -50, "high": 50, "search": 0}
 
 
 def run(steps):
-    """Targets, found and failed after each step; ``passed`` is a strobe between two steps."""
-    stimulus, want, now = [], [], Course()
+    """Targets, found and failed after each step; ``passed``: since the step before."""
+    profile, rows, now = Stepped(Profile.program, "speed", "position", "moved", "scratch"), [], Course()
     for step in steps:
         values = BASE | step
-        stimulus += [values | {"step": 0, "passed": values["passed"]}, {"step": 1, "passed": 0}]
-        stimulus += [{"step": 0}] * (GAP - 2)
-        now = Profile.reference(now, **(values | {"mode": MotorMode(values["mode"])}))
-        want.append((now.target, int(now.found), int(now.failed)))
-    got = trace(Profile(), stimulus, ("target", "found", "failed"))
-    rows = list(zip(got["target"], got["found"], got["failed"], strict=True))[GAP - 1 :: GAP]
-    assert rows == want
+        mode = MotorMode(values["mode"])
+        now = Profile.reference(now, **(values | {"mode": mode}))
+        outputs = profile.step(
+            closed=mode in MODES,
+            speed_mode=mode is MotorMode.SPEED,
+            sweep_mode=mode is MotorMode.SWEEP,
+            motor_speed=values["speed"],
+            speed=values["measured"],
+            motor_acceleration=values["acceleration"],
+            sweep_low=values["low"],
+            sweep_high=values["high"],
+            motor_search=values["search"],
+            **{name: values[name] for name in ("count", "passed", "seen", "position")},
+        )
+        assert outputs == {"found": -int(now.found)}
+        rows.append((profile.state["target"], int(now.found), -profile.state["failed"]))
+        assert rows[-1] == (now.target, int(now.found), int(now.failed))
     return rows
 
 
@@ -91,10 +101,14 @@ def test_random_steps(seed):
 def test_sector(counts_per_turn):
     """Inside at the limits, outside beyond; turns apart where the counts of a turn are known; never without index."""
     places = [-1001, -900, -800, -799, -1, 0, 99, 100, 150, 200, 201, 1099, 1100, 1200, 1201, 2150]
-    settings = {"counts_per_turn": counts_per_turn, "low": 100, "high": 200}
     for seen in (0, 1):
-        stimulus = [{**settings, "seen": seen, "position": place} for place in places] + [{}] * Sector.latency
-        got = trace(Sector(), stimulus, ("inside",))["inside"][Sector.latency :]
+        sector = Stepped(Sector.program, "position")
+        got = [
+            -sector.step(position=place, seen=seen, counts_per_turn=counts_per_turn, sector_low=100, sector_high=200)[
+                "inside"
+            ]
+            for place in places
+        ]
         assert got == [int(Sector.reference(place, bool(seen), counts_per_turn, 100, 200)) for place in places]
         inside = [place for place, yes in zip(places, got, strict=True) if yes]
         assert inside == (

@@ -1,98 +1,139 @@
-"""Each fault of the motor alone, just not reached and just reached; the first one stays."""
+"""Each fault of the motor alone, just not reached and just reached; and all of them at random, bit for bit."""
+
+import random
 
 import pytest
 
-from gateware.motion.watch import CHATTER, MotorWatch
+from gateware.motion.watch import FAULTS, FORGET_MS, OVERSPEED_MS, SLOWEST, MotorWatch, Watched
 from magtrak.protocol import MotorCause
-from tests.support.trace import trace
+from tests.support.motor_program import Stepped
 
 BASE = {
-    **{"driven": 1, "moving": 1, "backward_wanted": 0, "loop": 1, "enable": 31, "tick": 0, "count": 0, "edge": 0},
-    **{"backward": 0, "illegal": 0, "passed": 0, "pass_count": 0, "wrong": 0, "difference": 0, "speed": 0},
-    **{"search_failed": 0, "alive": 1, "stall_ms": 20, "runaway": 5, "speed_max": 1000, "encoder_tolerance": 3},
-    **{"index_tolerance": 4, "counts_per_turn": 0},
+    **{"rested": 0, "driven": 1, "closed": 1, "target": 100 << 8, "motor_duty": 0, "speed": 0, "count": 0},
+    **{"right": 0, "chattered": 0, "illegals": 0, "passed": 0, "pass_count": 0, "wrong": 0, "difference": 0},
+    **{"failed": 0, "alive": 1, "watch": 31, "motor_stall_ms": 20, "motor_runaway": 5, "motor_speed_max": 1000},
+    **{"encoder_tolerance": 3, "index_tolerance": 4, "counts_per_turn": 0},
 }
+START = {"rested": 1, "driven": 0}
 
 
-def run(stimulus, **always):
-    """``stopped`` and ``cause``; the motor is driven from the third clock on."""
-    stimulus = [BASE | {"driven": 0, "moving": 0}] * 2 + [BASE | values | always for values in [*stimulus, *[{}] * 4]]
-    return trace(MotorWatch(), stimulus, ("stopped", "cause"))
+def run(steps, **always):
+    """The cause of each step."""
+    watch, causes, now = Stepped(MotorWatch.program, "target", "speed", "failed", "scratch"), [], Watched()
+    for step in [START, *steps]:
+        values = BASE | step | always
+        now, cause = MotorWatch.reference(now, **values)
+        inner = {name: value for name, value in values.items() if name not in ("failed", "difference", "watch")}
+        enable = {f"watch_{name}": values["watch"] >> bit & 1 for bit, name in enumerate(FAULTS)}
+        outputs = watch.step(**inner, **enable, failed=-values["failed"], difference=values["difference"])
+        assert outputs.get("cause", 0) == cause
+        causes.append(MotorCause(cause))
+    return causes[1:]
 
 
-def moves(*ways, gap=2, start=0):
-    """Edges forward (1) and backward (-1)."""
-    count, out = start, []
-    for way in ways:
-        count += way
-        here = {"count": count, "backward": int(way < 0)}
-        out += [here | {"edge": 1}, *[here] * (gap - 1)]
-    return out
+def moves(step, times, **more):
+    return [{"count": step * (number + 1), **more} for number in range(times)]
 
 
 CASES = [
-    (MotorCause.STALL, [{"tick": 1}] * 20, [{"tick": 1}] * 21),
-    (MotorCause.RUNAWAY, moves(*[-1] * 5), moves(*[-1] * 6)),
-    (MotorCause.RUNAWAY, *[[*[{"speed": -speed}] * 2, *[{"speed": -speed, "tick": 1}] * 8] for speed in (1000, 1001)]),
-    (MotorCause.RUNAWAY, *[[*[{"speed": 1001}] * 2, *[{"speed": 1001, "tick": 1}] * ticks] for ticks in (7, 8)]),
-    (MotorCause.ENCODER, moves(*[1, -1] * 4), moves(*[1, -1] * 5)),
-    (MotorCause.ENCODER, [{"illegal": 1}] * 3, [{"illegal": 1}] * 4),
+    (MotorCause.STALL, [{}] * 20, [{}] * 21),
+    (MotorCause.RUNAWAY, moves(-5, 1), moves(-6, 1)),
+    (MotorCause.RUNAWAY, moves(-1, 5), moves(-1, 6)),
+    (MotorCause.RUNAWAY, *[moves(2, 12, speed=-speed, right=1) for speed in (1000, 1001)]),
+    (MotorCause.RUNAWAY, *[moves(2, times, speed=1001, right=1) for times in (OVERSPEED_MS - 1, OVERSPEED_MS)]),
+    (MotorCause.ENCODER, [{"chattered": 1, "target": SLOWEST - 1}], [{"chattered": 1, "target": -SLOWEST}]),
+    (MotorCause.ENCODER, [{"illegals": 2}, {"illegals": 1}], [{"illegals": 2}, {"illegals": 2}]),
     (MotorCause.TURN, [{"wrong": 1, "difference": 4}], [{"wrong": 1, "difference": -5}]),
     (
         MotorCause.INDEX_MISSING,
-        [{"counts_per_turn": 40, "count": 50}] * 4,
-        [{"counts_per_turn": 40, "count": -51}] * 5,
+        [{"counts_per_turn": 40, "count": 50, "right": 1}],
+        [{"counts_per_turn": 40, "count": -51, "right": 1}],
     ),
-    (MotorCause.SEARCH, [], [{"search_failed": 1}]),
-    (MotorCause.LEASE, [], [{"alive": 0}]),
+    (MotorCause.SEARCH, [{}], [{"failed": 1}]),
+    (MotorCause.LEASE, [{}], [{"alive": 0}]),
 ]
 
 
 @pytest.mark.parametrize(("cause", "just_not", "just"), CASES)
 def test_each_fault(cause, just_not, just):
-    assert not any(run(just_not)["stopped"])
-    got = run([{}, *just])
-    assert got["stopped"][-1] and got["cause"][-1] == cause
+    assert set(run(just_not)) == {MotorCause.NONE}
+    assert run(just)[-1] == cause
     # Not watched, or not driven: nothing.
-    assert not any(run(just, enable=0)["stopped"])
-    assert not any(run(just, driven=0, moving=0)["stopped"])
+    assert not any(run(just, watch=0))
+    assert not any(run(just, driven=0, rested=1))
 
 
 def test_stall_starts_anew_with_every_two_counts():
     """A slow motor is none that stalls; one count to and fro is no way."""
-    slow = []
-    for count in range(10):
-        slow += [{"count": count, "tick": 1}] * 9
-    assert not any(run(slow)["stopped"])
-    shaking = [{"count": tick % 2, "tick": 1} for tick in range(40)]
-    assert run(shaking)["cause"][-1] == MotorCause.STALL
+    assert not any(run([{"count": count, "right": 1} for count in range(10) for _ in range(9)]))
+    assert run([{"count": tick % 2, "right": 1} for tick in range(40)])[-1] == MotorCause.STALL
 
 
 def test_an_edge_the_right_way_ends_a_run_away():
-    assert not any(run(moves(*[-1, -1, -1, -1, 1] * 3))["stopped"])
+    assert not any(run([{"count": -4}, {"count": -7, "right": 1}, {"count": -11}]))
 
 
-def test_a_reversal_is_no_chatter():
-    ways = [1] * 6 + [-1, 1, -1] + [-1] * 3
-    assert not any(run(moves(*ways))["stopped"]) and CHATTER > 3
+def test_no_direction_is_wrong_without_a_loop():
+    assert not any(run(moves(-9, 9), closed=0, motor_duty=1))
 
 
 def test_illegal_transitions_are_forgotten():
-    calm = [{"tick": 1, "count": 3 * k} for k in range(140)]
-    assert not any(run([{"illegal": 1}] * 3 + calm + [{"illegal": 1, "count": 420}])["stopped"])
+    calm = moves(3, 2 * FORGET_MS, right=1)
+    assert not any(run([{"illegals": 3}, *calm, {"illegals": 2, "count": 6 * FORGET_MS, "right": 1}]))
+    assert any(run([{"illegals": 3}, *calm, {"illegals": 3, "count": 6 * FORGET_MS, "right": 1}]))
 
 
 def test_missing_index_counts_from_the_last_pass():
-    turn = {"counts_per_turn": 40}
-    passes = [turn | {"passed": 1, "count": 30, "pass_count": 30}, turn | {"count": 30, "pass_count": 30}]
-    after = [turn | {"count": 80, "pass_count": 30}] * 4
-    assert not any(run(passes + after)["stopped"])
-    assert run(passes + after + [turn | {"count": 81, "pass_count": 30}] * 4)["cause"][-1] == MotorCause.INDEX_MISSING
+    turn = {"counts_per_turn": 40, "pass_count": 30, "right": 1}
+    passed = [turn | {"passed": 1, "count": 30}, turn | {"count": 80}]
+    assert not any(run(passed))
+    assert run([*passed, turn | {"count": 81}])[-1] == MotorCause.INDEX_MISSING
 
 
-def test_the_first_cause_stays_until_the_next_start():
-    stimulus = [{}, {"search_failed": 1}, {}, {"alive": 0}, {}, {"driven": 0}, {"driven": 0}, {}, {}, {}]
-    got = run(stimulus)
-    stopped = got["stopped"][2:]
-    assert stopped[:10] == [0, 0, 1, 1, 1, 1, 0, 0, 0, 0]
-    assert got["cause"][2:11] == [0, 0, *[MotorCause.SEARCH] * 6, 0]
+def test_counts_that_wrap_are_no_way():
+    turn = {"counts_per_turn": 40, "pass_count": (1 << 31) - 3, "right": 1}
+    assert not any(run([turn | {"passed": 1, "count": (1 << 31) - 2}, turn | {"count": -(1 << 31) + 1}]))
+
+
+def test_a_new_start_forgets():
+    assert not any(run([*[{}] * 15, {"rested": 1}, *[{}] * 19]))
+    assert not any(run([{"illegals": 3}, {"rested": 1, "illegals": 3}, {"illegals": 3}]))
+    assert not any(run([{"rested": 1, "wrong": 1, "difference": 100}]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_steps(seed):
+    rng = random.Random(seed)
+    print(f"seed {seed}")
+    steps, count, passed_at, settings = [], rng.choice([0, (1 << 31) - 200, -(1 << 31) + 200]), 0, {}
+    for number in range(4000):
+        if number % 50 == 0:
+            settings = {
+                "closed": rng.getrandbits(1),
+                "target": rng.choice([0, SLOWEST, -SLOWEST, rng.randrange(-(1 << 31) + 1, 1 << 31)]),
+                "motor_duty": rng.choice([0, 100, -32767]),
+                "watch": rng.getrandbits(5),
+                "motor_stall_ms": rng.choice([0, 3, 20, 65535]),
+                "motor_runaway": rng.choice([0, 10, 65535]),
+                "motor_speed_max": rng.choice([0, 1000, (1 << 31) - 1]),
+                "encoder_tolerance": rng.choice([0, 3, 255]),
+                "index_tolerance": rng.choice([0, 255]),
+                "counts_per_turn": rng.choice([0, 41, 100, (1 << 24) - 1]),
+            }
+        step = rng.choice([0, 1, 5, 2000])
+        count = (count + rng.randrange(-step, step + 1) + (1 << 31)) % (1 << 32) - (1 << 31)
+        passed = rng.random() < 0.1
+        passed_at = count if passed else passed_at
+        steps.append(
+            settings
+            | {"count": count, "passed": int(passed), "pass_count": passed_at}
+            | {name: int(rng.random() < part) for name, part in (("rested", 0.03), ("right", 0.3), ("wrong", 0.05))}
+            | {
+                name: int(rng.random() < part)
+                for name, part in (("chattered", 0.03), ("failed", 0.03), ("alive", 0.97))
+            }
+            | {"driven": int(rng.random() < 0.98), "illegals": rng.choice([0, 0, 0, 1, 255])}
+            | {"speed": rng.choice([0, 999, -1001, (1 << 31) - 1, -(1 << 31) + 1])}
+            | {"difference": rng.choice([0, 3, -256, (1 << 31) - 1, -(1 << 31)])}
+        )
+    assert len(set(run(steps))) == len(MotorCause)

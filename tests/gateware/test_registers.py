@@ -20,6 +20,7 @@ class Host:
         self.ctx = ctx
         self.dut = dut
         self.sequence = 0
+        ctx.set(dut.write.ready, 1)
 
     async def command(self, address, value=0, *, write=0, refusal=0):
         """The answer's code and value."""

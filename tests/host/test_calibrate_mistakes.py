@@ -14,7 +14,7 @@ from magtrak.calibrate.linear import linear_camera
 from magtrak.calibrate.observations import Lines, Observations, View
 from magtrak.calibrate.session import Session
 from magtrak.errors import CalibrationError
-from tests.support.calibration_rig import Procedure, as_calibration, random_rig
+from tests.support.calibration_rig import Procedure, as_calibration, random_rig, rotation
 
 SEED = 5
 PLAN = Procedure(views=12)
@@ -328,6 +328,49 @@ def test_drift(good, rig, known):
     assert found.zero_rad == pytest.approx(expected, rel=0.1)
     zoomed = changed(fresh, lambda n, v: replace(v, corners=v.corners + 0.2 * np.sin(40 * v.corners) * 5))
     assert [item.key for item in drift(Session(zoomed, []), known.calibration).findings][:1] == ["drift"]
+
+
+def one_view(rig, turn: np.ndarray, factor: tuple[float, float] = (1.0, 1.0)) -> Observations:
+    """A picture of the small board at 0.7 m, scaled about its middle, without lines."""
+    shift = np.array([0.0, 0.0, 700.0]) - rotation(turn) @ [180.0, 120.0, 0.0]
+    ids = np.arange(A3.corners)
+    points = np.c_[A3.points(ids), np.zeros(len(ids))] @ rotation(turn).T + shift
+    middle = np.asarray(rig.camera.matrix)[:2, 2]
+    corners = (rig.camera.project(points) - middle) * factor + middle
+    corners += np.random.default_rng(3).normal(0, 0.05, corners.shape)
+    return Observations(640, 480, [View("one", A3, ids, corners)])
+
+
+STEEP, FACING = np.array([0.3, 0.5, 0.0]), np.array([0.02, 0.01, 0.0])
+
+
+def test_one_picture_tells_a_stretch_and_a_zoom_if_tilted(rig, known):
+    def asked(turn, factor):
+        return drift(Session(one_view(rig, turn, factor), []), known.calibration)
+
+    for turn in (STEEP, FACING):
+        assert asked(turn, (1.0, 1.0)).findings == []
+        found = asked(turn, (1.01, 1.0))
+        assert found.stretch == pytest.approx(0.01, abs=0.003)
+        assert "it is stretched by +" in str(found.findings[0])
+        assert len(found.findings) == 1
+    found = asked(STEEP, (1.02, 1.02))
+    assert found.focal == pytest.approx(0.02, abs=4 * found.focal_sigma)
+    assert "the focal length differs by +" in str(found.findings[0])
+    # Facing the camera, a scaled picture is a nearer board; the sigma says that nothing is known of it.
+    found = asked(FACING, (1.02, 1.02))
+    assert found.findings == []
+    assert found.focal_sigma > 0.005
+
+
+def test_a_board_of_another_size_is_told_by_its_lines(rig, known):
+    fresh = replace(PLAN, views=4).observe(rig, np.random.default_rng(78))
+    small = changed(fresh, lambda n, v: with_board(v, 0.98))
+    found = drift(Session(small, []), known.calibration)
+    assert found.corner_px < 0.1
+    assert abs(found.line_px) > 0.3
+    assert [item.key for item in found.findings] == ["drift"]
+    assert drift(Session(bare(small), []), known.calibration).findings == []  # no picture can
 
 
 def test_zero_only_takes_a_wall(good, rig, known):

@@ -1,16 +1,21 @@
 """Ports from boards under water, seen by the simulator's optics; judged on walls that the fit has never seen."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from magtrak.calibrate import underwater
+from magtrak.calibrate.observations import Lines
 from magtrak.calibrate.ports import NAMES, PortsFound, calibrate_ports
 from magtrak.calibration import Calibration
+from magtrak.cli.magtrak import main
 from magtrak.errors import CalibrationError
 from magtrak.locate import locator
 from sim.scene import Scene
-from tests.support.water import nominal, observe
+from tests.support.water import nominal, observe, write_session
 
 SEED = 4
 
@@ -91,3 +96,51 @@ def test_another_rig_is_refused(scene: Scene, in_air: Calibration) -> None:
     other = replace(in_air, camera=replace(in_air.camera, matrix=matrix))
     with pytest.raises(CalibrationError, match="no ports explain what was seen under water"):
         calibrate_ports(other, nominal(scene, 2), seen)
+
+
+def test_the_command(scene: Scene, in_air: Calibration, tmp_path) -> None:
+    """A session on disk; rows beside the band, which lie on print and are wrong, are left out."""
+    seen = observe(scene, 10, SEED, 2)
+    views = []
+    for view in seen.views:
+        lines = view.lines
+        astray = lines[:6]
+        upward = 0.5 * (view.corners[:, 1].min() + view.corners[:, 1].max())  # among the squares
+        astray = Lines(astray.image, np.full(6, upward), astray.column + 3.0, astray.counts, astray.rate)
+        parts = (np.concatenate([getattr(lines, name), getattr(astray, name)]) for name in Lines.__annotations__)
+        views.append(replace(view, lines=Lines(*parts)))
+    session = write_session(tmp_path / "session", replace(seen, views=views))
+    air, rule, output = tmp_path / "air.json", tmp_path / "rule.json", tmp_path / "water.json"
+    in_air.save(air)
+    rule.write_text(json.dumps({"ports": nominal(scene, SEED).as_dict()}))
+    command = ["calibrate", "ports", str(session), "--calibration", str(air), "--output", str(output)]
+    done = CliRunner().invoke(main, command)
+    assert done.exit_code == 1
+    assert "air.json has no ports: measure panes and laser with a rule" in done.output
+    done = CliRunner().invoke(main, [*command, "--measured", str(rule)])
+    assert done.exit_code == 0, done.output
+    print(done.output)
+    assert "water index" in done.output
+    known = Calibration.load(output)
+    assert set(known.extra["sigmas"]["ports"]) == set(NAMES)
+    for z in (1000.0, 2000.0, 3000.0):
+        print(f"{z / 1000:.0f} m: {form_mm(scene, known, z):.3f} mm")
+        assert form_mm(scene, known, z) < 0.3
+    shown = CliRunner().invoke(main, ["calibrate", "show", str(output)])
+    assert f"{known.ports.camera.distance_mm:.2f} +- " in shown.output
+
+
+def test_a_session_of_another_rig_is_refused(scene: Scene, in_air: Calibration, tmp_path) -> None:
+    taken = underwater.Session(observe(scene, 6, 2, 1), [])
+    for known, message in (
+        (
+            replace(in_air, camera=replace(in_air.camera, width=800)),
+            "is for pictures of 800 x 480, these are 640 x 480",
+        ),
+        (replace(in_air, laser=replace(in_air.laser, counts_per_turn=4096)), "has 4096 counts per turn, the session"),
+    ):
+        with pytest.raises(CalibrationError, match=message):
+            underwater.calibrate_under_water(taken, known, nominal(scene, 1))
+    (tmp_path / "rule.json").write_text('{"ports": {"camera": {"distance_mm": 42, "normal": [0, 0, 2]}}}')
+    with pytest.raises(CalibrationError, match=r"ports\.laser is missing"):
+        underwater.read_nominal(tmp_path / "rule.json")

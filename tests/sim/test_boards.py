@@ -50,6 +50,15 @@ def test_smear_keeps_the_light_and_has_the_width() -> None:
     assert smear(np.ones((5, 5)), 2.0, 0) == pytest.approx(np.ones((5, 5)))
 
 
+@pytest.mark.parametrize("sigma", [0.0, 2.4])
+def test_smear_by_steps_is_the_mean_of_the_smeared(sigma: float) -> None:
+    picture = np.random.default_rng(3).random((12, 20, 3))
+    for axis, shape in ((0, (3, 4, 20, 3)), (1, (12, 5, 4, 3))):
+        assert smear(picture, sigma, axis, 4) == pytest.approx(
+            smear(picture, sigma, axis).reshape(shape).mean(axis + 1)
+        )
+
+
 @pytest.mark.parametrize("name", BOARDS)
 def test_opencv_finds_the_corners_where_they_are(name: str) -> None:
     board = BOARDS[name]

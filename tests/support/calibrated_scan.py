@@ -1,88 +1,168 @@
-"""From pictures to a cloud: a session of the simulated rig, its lines through the virtual card, a calibration by the
-commands, and a scan with it. The tools see pictures, encoder edges and the boards' descriptions, nothing else.
+"""From pictures to clouds: a session of the simulated rig, its lines through the virtual card, a calibration by the
+commands, and scans with it. The tools see pictures, encoder edges and the boards' descriptions, nothing else.
+
+What takes long, pictures and recordings, is kept in ``build/calibrated_scan`` by the content of all it is made from;
+neither knows of a calibration.
 """
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from magtrak.cloud.ply import read_ply
+from magtrak.calibration import Calibration
+from sim.cached import BUILD, cached
 from sim.scene import FOLDER, Scene
 from sim.session import timing_of
+from sim.verilator import card_verilog
 from tests.support.calibration_rig import TrueRig
 from tests.support.virtual import run, virtual_card
 
 RIG = "rig"
+KEPT = BUILD / "calibrated_scan"
+ROOT = BUILD.parent
+
+SETTINGS = """
+[weight]
+mix = [-0.5, 1.0, -0.5]
+"""
+"""The room's light is white and shades round things, which would pull the line: green less the others is without it."""
+
+BINARY = '[peak]\ndetector = "binary"\n'
+"""The paper's way: the mean of the gated pixels. To be replayed with ``--angle bare``."""
 
 
-def take_session(folder: Path, views: int, frames: int = 4, seed: int = 1) -> Path:
-    """Pictures of a session; made once for a folder."""
+HOST = (
+    "settings.py", "settings_file.py", "gate.py", "motor.py", "card.py", "link.py", "recording.py", "frames.py",
+    "angle.py", "edges.py", "calibrate/capture.py",
+)  # fmt: skip
+"""Of the host, what decides on recordings and lines."""
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """How a session is taken.
+
+    Parameters
+    ----------
+    scene : name or file of the rig
+    views, frames : views of boards, lit pictures of each
+    seed : of poses and noise
+    """
+
+    scene: str = RIG
+    views: int = 30
+    frames: int = 4
+    seed: int = 1
+
+    @property
+    def what(self) -> Scene:
+        return Scene.load(self.scene)
+
+
+def take_session(pictures: Pictures, folder: Path) -> Path:
+    """A session in ``folder``: pictures, and lines through the gateware."""
     session = folder / "session"
-    if not (session / "session.json").exists():
-        options = ["--scene", RIG, "--views", f"{views}", "--frames", f"{frames}", "--seed", f"{seed}"]
-        made = run("python", "-m", "sim.session", session, *options, timeout_s=3600)
-        assert made.returncode == 0, made.stderr
+    session.mkdir(parents=True)
+    parts: list[str | bytes] = [_text("sim"), *_scene_texts(pictures.scene), repr(pictures)]
+    with cached(KEPT, "session", *parts) as (place, making):
+        if making is not None:
+            options = ["--scene", pictures.scene, "--views", f"{pictures.views}", "--frames", f"{pictures.frames}"]
+            _done("python", "-m", "sim.session", making, *options, "--seed", f"{pictures.seed}")
+    for part in ("pictures", "truth", "session.json"):
+        (session / part).symlink_to(place / part)
+    with cached(KEPT, "lines", *parts, *_chain()) as (lines, making):
+        if making is not None:
+            (making / "session.json").write_text((place / "session.json").read_text())
+            _measure_lines(place, making)
+    (session / "lines.csv").symlink_to(lines / "lines.csv")
     return session
 
 
-def measure_lines(session: Path) -> str:
-    """The laser's pictures through the gateware; what the command says."""
-    values = json.loads((session / "session.json").read_text())
-    link = session / "card"
-    options = ["--frames", session / "laser", "--angles", session / "angles.csv"]
+def _measure_lines(pictures: Path, out: Path) -> None:
+    """The laser's pictures through the gateware."""
+    values = json.loads((pictures / "session.json").read_text())
+    options = ["--frames", pictures / "laser", "--angles", pictures / "angles.csv"]
     options += ["--frame-rate", f"{values['frame_rate_hz']}", "--row-time", f"{values['row_time_us']}"]
     options += ["--counts-per-turn", f"{values['counts_per_turn']}"]
-    with virtual_card(link, *options) as card:
-        done = run("magtrak", "calibrate", "lines", session, "--port", link, timeout_s=1800)
-        assert done.returncode == 0, done.stderr
+    with virtual_card(out / "card", *options) as card:
+        _done("magtrak", "calibrate", "lines", out, "--port", out / "card")
         assert card.wait(timeout=60) == 0
-    return done.stdout
 
 
 def calibrate(session: Path, output: Path, *options: str | Path) -> str:
     """The joint calibration by its command; what it prints."""
-    done = run("magtrak", "calibrate", "joint", session, "--output", output, *options, timeout_s=1800)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return _done("magtrak", "calibrate", "joint", session, "--output", output, *options)
 
 
-def true_rig() -> TrueRig:
+def true_rig(scene: str = RIG) -> TrueRig:
     """What the tools shall find. The pictures of a session are exposed otherwise than those of a scan."""
-    scene = Scene.load(RIG)
-    return TrueRig(scene.camera, scene.laser, 0.0, counts_per_turn=scene.counts_per_turn)
+    what = Scene.load(scene)
+    return TrueRig(what.camera, what.laser, 0.0, counts_per_turn=what.counts_per_turn)
 
 
-def plane_scene(path: Path, distance_mm: float, frames: int) -> Path:
-    """The rig before a white wall."""
-    text = (FOLDER / f"{RIG}.toml").read_text().split("[[object]]")[0]
-    text = text.replace("frames = 300", f"frames = {frames}")
-    wall = f'[[object]]\nshape = "plane"\nposition_mm = [0, 0, {distance_mm}]\nrotation_deg = [0, 0, 0]\n'
-    path.write_text(text + wall + "albedo = [0.8, 0.8, 0.8]\n")
+def true_calibration(session: Path, path: Path) -> Path:
+    """The true calibration of a session's rig as a file."""
+    truth = json.loads((session / "truth" / "truth.json").read_text())
+    path.write_text(json.dumps(truth["calibration"]))
     return path
 
 
-def scan_plane(folder: Path, calibration: Path, distance_mm: float, frames: int = 150) -> np.ndarray:
-    """(N, 3) points of a wall at a distance, scanned with a calibration. Its time offset is that of the session's
-    exposure; the scan's is known to differ by half the difference of the exposures, which the settings carry.
+def recording(scene: str, settings: str = SETTINGS) -> Path:
+    """A scan of a scene (name or file) as the card sent it: ``scan.mcap``.
+
+    Its settings tell by how much the scan's time offset differs from the session's: half the difference of the
+    exposures, which whoever scans has chosen.
     """
-    scene = plane_scene(folder / "plane.toml", distance_mm, frames)
-    made = run(
-        "python", "-m", "sim.scene", scene, "--calibration", folder / "truth.json", "--settings", folder / "s.toml"
-    )
-    assert made.returncode == 0, made.stderr
-    what = Scene.load(RIG)
+    parts = [_text("sim"), *_scene_texts(scene), *_chain(), settings]
+    with cached(KEPT, Path(scene).stem, *parts) as (place, making):
+        if making is not None:
+            _record(scene, settings, making)
+    return place / "scan.mcap"
+
+
+def _record(scene: str, settings: str, out: Path) -> None:
+    any_calibration, toml = out / "calibration.json", out / "scan.toml"
+    _done("python", "-m", "sim.scene", scene, "--calibration", any_calibration, "--settings", toml)
+    what = Scene.load(scene)
     shift = what.timing.offset_s - timing_of(what).offset_s
-    settings = folder / "s.toml"
-    settings.write_text(settings.read_text() + f"[camera]\ntime_offset_s = {shift:.9f}\n")
-    link, cloud = folder / "card", folder / "plane.ply"
-    with virtual_card(link, "--scene", scene) as card:
-        done = run(
-            "magtrak-recv", "--port", link, "--calibration", calibration, "--output", cloud, "--settings", settings,
-            timeout_s=1800,
+    toml.write_text(toml.read_text() + f"[camera]\ntime_offset_s = {shift:.9f}\n" + settings)
+    with virtual_card(out / "card", "--scene", scene) as card:
+        _done(
+            "magtrak-recv", "--port", out / "card", "--calibration", any_calibration, "--output", out / "cloud.ply",
+            "--settings", toml, "--record", out / "scan.mcap",
         )  # fmt: skip
-        assert done.returncode == 0, done.stderr
         assert card.wait(timeout=60) == 0
-    points = read_ply(cloud)
-    points = points[points["quality"] > 0.6]
-    return np.stack([points[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    (out / "cloud.ply").unlink()
+
+
+def replay(recorded: Path, calibration: Path, cloud: Path, *options: str) -> Path:
+    """The cloud of a recording with a calibration, by the command."""
+    _done("magtrak", "replay", recorded, "--calibration", calibration, "--output", cloud, *options)
+    return cloud
+
+
+def expected_form_mm(calibration: Calibration, distance_m: float) -> float:
+    """What the file itself says of a plane at a distance: form error, 95th percentile."""
+    entry = next(item for item in calibration.extra["expected"] if item["distance_mm"] == 1000 * distance_m)
+    return float(entry["form_mm"])
+
+
+def _done(command: str, *options: str | Path) -> str:
+    done = run(command, *options, timeout_s=3600)
+    assert done.returncode == 0, f"{command} {' '.join(map(str, options))}: {done.stderr}"
+    return done.stdout
+
+
+def _text(folder: str) -> bytes:
+    return b"\0".join(path.read_bytes() for path in sorted((ROOT / folder).glob("*.py")))
+
+
+def _scene_texts(scene: str) -> list[bytes]:
+    path = Path(scene) if scene.endswith(".toml") else FOLDER / f"{scene}.toml"
+    return [path.read_bytes(), (FOLDER / f"{RIG}.toml").read_bytes()]
+
+
+def _chain() -> list[str | bytes]:
+    """All between pixels and a recording, or lines: the card, what it is told, and what its bytes are taken for."""
+    host = ROOT / "host" / "magtrak"
+    return [card_verilog(), _text("host/magtrak/protocol"), *((host / name).read_bytes() for name in HOST)]

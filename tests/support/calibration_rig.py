@@ -280,7 +280,8 @@ class PlaneError:
 
 def plane_error(true: TrueRig, found: Calibration, distance_mm: float) -> PlaneError:
     """Triangulates, without noise, what the true rig sees of the plane Z = distance."""
-    u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(10, WIDTH - 11, 24), np.linspace(10, HEIGHT - 11, 18)))
+    wide, high = true.camera.width, true.camera.height
+    u, v = (grid.ravel() for grid in np.meshgrid(np.linspace(10, wide - 11, 24), np.linspace(10, high - 11, 18)))
     real = true.camera.rays(u, v) * distance_mm
     alpha, _ = true.laser.meets(true.laser.points(real))
     position = true.laser.sense * (alpha - true.laser.zero_rad) / (2 * np.pi) * true.counts_per_turn

@@ -127,7 +127,7 @@ class FakeCard:
                     self._answer(packet)
             if not self.value("run") or time.monotonic() < due:
                 continue
-            due = time.monotonic() + self.frame_s
+            due = (due or time.monotonic()) + self.frame_s  # one that is late does not delay the next
             if at < len(self.payloads):
                 wire = self._frame(self.payloads[at])
                 if at == self.reset_in:
@@ -154,7 +154,7 @@ class FakeCard:
         import termios
 
         quiet, deadline = 0, time.monotonic() + 3
-        while quiet < 5 and time.monotonic() < deadline and not self._stop.is_set():
+        while quiet < 15 and time.monotonic() < deadline and not self._stop.is_set():
             waiting = array.array("i", [0])
             fcntl.ioctl(self._slave, termios.FIONREAD, waiting)
             quiet = quiet + 1 if waiting[0] == 0 else 0

@@ -166,15 +166,15 @@ class UsbHost:
         raise AssertionError(f"nothing but NAK from {what.__name__}{arguments}")
 
 
-def simulate_usb(dut, testbench, *more, clocks: int = 400_000) -> None:
-    """Like :func:`tests.support.simulation.simulate`, with a ``usb`` domain of 12 MHz and a ``sync`` of 25 MHz."""
+def simulate_usb(dut, testbench, *more, clocks: int = 400_000, usb_hz: float = 12e6) -> None:
+    """Like :func:`tests.support.simulation.simulate`, with a ``usb`` domain of ``usb_hz`` and a ``sync`` of 25 MHz."""
 
     async def timeout(ctx):
-        await ctx.delay(clocks / 12e6)
+        await ctx.delay(clocks / usb_hz)
         raise TimeoutError(f"the testbench has not ended after {clocks} clocks")
 
     simulator = Simulator(dut)
-    simulator.add_clock(1 / 12e6, domain="usb")
+    simulator.add_clock(1 / usb_hz, domain="usb")
     simulator.add_clock(1 / 25e6, domain="sync")
     simulator.add_testbench(timeout, background=True)
     simulator.add_testbench(testbench)

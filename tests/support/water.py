@@ -1,11 +1,14 @@
 """What a board under water shows, from the simulator's optics and noise, without pictures."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from magtrak.calibrate.board import Board
 from magtrak.calibrate.observations import Lines, Observations, View
+from magtrak.calibrate.session import write_lines
 from sim.boards import BOARDS
 from sim.scene import Scene
 from sim.session import RANGES_MM, _place
@@ -78,3 +81,27 @@ def nominal(scene: Scene, seed: int):
         true, camera=off(true.camera), laser=off(true.laser), apex_beam_mm=true.apex_beam_mm + rng.normal(0, 3),
         apex_axis_mm=true.apex_axis_mm + rng.normal(0, 3), water_index=true.water_index + rng.normal(0, 0.002),
     )  # fmt: skip
+
+
+def write_session(folder: Path, seen: Observations) -> Path:
+    """Observations as a session on disk, corners in files instead of pictures."""
+    folder.mkdir()
+    values = {
+        "counts_per_turn": seen.counts_per_turn,
+        "width": seen.width,
+        "height": seen.height,
+        "boards": {board.name: board.as_dict() for board in seen.boards},
+        "views": [],
+    }
+    rows = []
+    for number, view in enumerate(seen.views):
+        name, lines = f"{number:02}.csv", view.lines
+        text = "".join(f"{at},{u:.5f},{v:.5f}\n" for at, (u, v) in zip(view.ids, view.corners, strict=True))
+        (folder / name).write_text("id,u,v\n" + text)
+        entry = {"board": view.board.name, "corners": name, "frames": np.unique(lines.image).tolist()}
+        values["views"].append(entry)
+        for item in zip(lines.image, lines.row, lines.column, lines.counts, lines.rate, strict=True):
+            rows.append((*item, 200, 6, ""))
+    (folder / "session.json").write_text(json.dumps(values))
+    write_lines(folder / "lines.csv", rows)
+    return folder

@@ -142,7 +142,7 @@ class _Problem:
     def __init__(self, calibration: Calibration, nominal: Ports, views: Sequence[View], sigmas: Floats) -> None:
         self.calibration, self.nominal, self.views, self.sigmas = calibration, nominal, views, sigmas
         self.camera = calibration.camera.build()
-        self.points = [np.column_stack([view.board.points(view.ids), np.zeros(len(view.ids))]) for view in views]
+        self.points = [_corners(view) for view in views]
         lines = [view.lines for view in views]
         offset_s = calibration.camera.time_offset_s
         self.alpha = np.concatenate([calibration.laser.alpha(line.counts + line.rate * offset_s) for line in lines])
@@ -168,17 +168,8 @@ class _Problem:
 
     def start(self) -> Floats:
         """Nominal ports; poses as for a camera whose rays in water met in one point."""
-        import cv2
-
         camera = PortCamera(self.camera, self.nominal.camera, self.nominal.water_index)
-        poses = []
-        for view, points in zip(self.views, self.points, strict=True):
-            rays = camera.ray(view.corners[:, 0].astype(float), view.corners[:, 1].astype(float))
-            flat = np.ascontiguousarray(rays[:, :2] / rays[:, 2:])
-            good, turn, shift = cv2.solvePnP(points, flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
-            if not good:
-                raise CalibrationError(f"{view.name}: no pose of the board explains its corners; leave the view out")
-            poses.append(np.concatenate([turn.ravel(), shift.ravel()]))
+        poses = [_six(camera, view) for view in self.views]
         return np.concatenate([np.zeros(len(NAMES)), *poses])
 
     def weigh(self, vector: Floats) -> None:
@@ -237,6 +228,28 @@ class _Problem:
 
     def scale(self) -> Floats:
         return np.concatenate([self.sigmas, np.tile([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0], len(self.views))])
+
+
+def board_pose(camera: PortCamera, view: View) -> Floats:
+    """(4, 4) of a view's board in C, as for a camera whose rays in water met in one point: right within millimetres."""
+    return _pose(_six(camera, view))
+
+
+def _six(camera: PortCamera, view: View) -> Floats:
+    """Axis times angle, and shift."""
+    import cv2
+
+    rays = camera.ray(view.corners[:, 0].astype(float), view.corners[:, 1].astype(float))
+    flat = np.ascontiguousarray(rays[:, :2] / rays[:, 2:])
+    good, turn, shift = cv2.solvePnP(_corners(view), flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    if not good:
+        raise CalibrationError(f"{view.name}: no pose of the board explains its corners; leave the view out")
+    return np.concatenate([turn.ravel(), shift.ravel()])
+
+
+def _corners(view: View) -> Floats:
+    """(N, 3) in the board's frame."""
+    return np.column_stack([view.board.points(view.ids), np.zeros(len(view.ids))])
 
 
 def _moved(port: Port, distance_mm: float, lean_rad: Floats) -> Port:

@@ -8,6 +8,7 @@ from ..arrays import Floats
 from ..calibration import Calibration
 from ..cloud.picture import require_matplotlib
 from ..errors import OutputError
+from ..ports import Ports
 from .procedure import Result, cells
 
 WORST = 3
@@ -47,6 +48,8 @@ def describe(calibration: Calibration) -> str:
     if len(laser.error_table):
         most = np.abs(laser.error_table).max()
         lines.append(f"  error table  {len(laser.error_table)} lines, up to {most:.2f} counts")
+    if calibration.ports is not None:
+        lines += _ports(calibration.ports, sigmas.get("ports", {}))
     residuals = calibration.extra.get("residuals", {})
     if residuals:
         text = f"noise     corners {residuals['corner_px']:.3f} px in {residuals['views']} views"
@@ -66,6 +69,21 @@ def describe(calibration: Calibration) -> str:
     if calibration.extra.get("date"):
         lines.append(f"made      {calibration.extra['date']}")
     return "\n".join(lines)
+
+
+def _ports(ports: Ports, sigmas: dict[str, float]) -> list[str]:
+    """Distances and what a rule cannot tell, with sigmas; the glass stays as it was given."""
+    lines = ["ports"]
+    for name, port in (("camera", ports.camera), ("laser", ports.laser)):
+        x, y, z = port.normal
+        lines.append(_line(f"{name}'s", port.distance_mm, sigmas.get(f"{name}.distance_mm"), "mm", 2))
+        leans = [sigmas[f"{name}.lean_{axis}_rad"] for axis in (1, 2) if f"{name}.lean_{axis}_rad" in sigmas]
+        text = f"    normal     ({x:.4f}, {y:.4f}, {z:.4f})"
+        lines.append(text + (f" +- {_degrees(max(leans)):.3f} degrees" if leans else ""))
+    lines.append(_line("fan along X_L", ports.apex_beam_mm, sigmas.get("laser.apex_beam_mm"), "mm", 2))
+    lines.append(_line("fan along Z_L", ports.apex_axis_mm, sigmas.get("laser.apex_axis_mm"), "mm", 2))
+    lines.append(_line("water index", ports.water_index, sigmas.get("water_index"), "", 5))
+    return lines
 
 
 def views_text(result: Result) -> str:

@@ -174,6 +174,37 @@ def laser(
 
 @main.command(context_settings=HELP)
 @click.argument("source", type=PATH, metavar="SESSION")
+@click.option("--calibration", required=True, type=PATH, metavar="FILE.json", help="Camera and laser, made in air.")
+@click.option(
+    "--measured", type=PATH, metavar="FILE.json", help="Ports as measured by rule; without it, those of --calibration."
+)
+@click.option("--output", required=True, type=PATH, metavar="FILE.json")
+def ports(source: Path, calibration: Path, measured: Path | None, output: Path) -> None:
+    """Find the panes before camera and laser from a SESSION under water; camera and laser stay as in air."""
+    with _sentences():
+        from ..calibrate import report, underwater
+        from ..calibration import Calibration
+        from ..errors import CalibrationError
+
+        known = Calibration.load(calibration)
+        nominal = known.ports if measured is None else underwater.read_nominal(measured)
+        if nominal is None:
+            raise CalibrationError(
+                f'{calibration} has no ports: measure panes and laser with a rule, and give --measured with "ports" as'
+                " docs/validation.md shows"
+            )
+        result = underwater.calibrate_under_water(_session(source), known, nominal)
+        result.calibration.save(output)
+        print(report.describe(result.calibration))
+        fit = result.found
+        print(f"left      corners {fit.corner_rms_px:.3f} px, rows {fit.line_rms_px:.3f} px under water")
+        for item in result.findings:
+            print(f"warning: {item}")
+        print(f"written to {output}")
+
+
+@main.command(context_settings=HELP)
+@click.argument("source", type=PATH, metavar="SESSION")
 @click.option("--port", required=True, help="Serial port of the card, or the virtual card's link.")
 @click.option("--settings", default="green", show_default=True, metavar="NAME|FILE.toml", help="As for magtrak-recv.")
 @click.option("--view", metavar="PICTURE", help="The lines belong to this view; without it, session.json says so.")
@@ -220,16 +251,18 @@ def check(source: Path, calibration: Path, name: str, **changes: object) -> None
     Exit status 1 where it is not.
     """
     with _sentences():
-        from ..calibrate import session
-        from ..calibrate.drift import drift
+        from ..calibrate import drift, session
         from ..calibration import Calibration
 
         if (source / "session.json").exists():
             taken = session.load(source)
         else:
             taken = session.of_pictures(source, _board(name, changes))
-        found = drift(taken, Calibration.load(calibration))
+        found = drift.drift(taken, Calibration.load(calibration))
         print(f"corners lie {found.corner_px:.3f} px from where the calibration has them")
+        print(f"focal length differs by {100 * found.focal:+.2f} +- {100 * found.focal_sigma:.2f} %")
+        if found.focal_sigma > drift.FOCAL:
+            print("so little tells a changed focal length or scale badly: tilt the board more, or give more pictures")
         if found.line_px == found.line_px:
             print(f"laser lines lie {found.line_px:+.3f} px from where the calibration has them")
         else:

@@ -49,18 +49,23 @@ def cobs_decode(data: bytes) -> bytes:
         raise ValueError("nothing to decode")
     if 0 in data:
         raise ValueError("a zero byte in COBS data")
-    out = []
+    # In place: the code at a block's end becomes the zero that the block stands for, except after a full block.
+    out = bytearray(data)
+    full = []
     at, size = 0, len(data)
-    while at < size:
+    while True:
         code = data[at]
-        end = at + code
-        if end > size:
-            raise ValueError(f"a block of {code - 1} bytes at {at} ends after the data")
-        out.append(data[at + 1 : end])
-        if code <= BLOCK and end < size:
-            out.append(b"\0")
-        at = end
-    return b"".join(out)
+        at += code
+        if at >= size:
+            break
+        out[at] = 0
+        if code > BLOCK:
+            full.append(at)
+    if at > size:
+        raise ValueError(f"a block of {code - 1} bytes at {at - code} ends after the data")
+    for place in reversed(full):
+        del out[place]
+    return bytes(memoryview(out)[1:])
 
 
 @dataclass(frozen=True)

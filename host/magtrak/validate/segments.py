@@ -9,9 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Floats, Integers, Records
+from ..arrays import Booleans, Floats, Integers, Records
 from ..errors import MagtrakError
 from .fits import CylinderFit, PlaneFit, SphereFit, fit_cylinder, fit_plane, fit_sphere
+from .light import light_source
 
 GAP = 0.012
 """Neighbours farther apart than this part of their distance from the camera belong to different bodies."""
@@ -20,7 +21,8 @@ LEAST = 150
 """Points of a piece that is looked at."""
 
 LIMB = 0.45
-"""Cosine to the sight below which a surface is too steep to be measured."""
+"""Cosine to the sight, and to the light, below which a surface is too steep to be measured. Grazing light spreads over
+a round surface, brightest where it turns towards the laser: at a cosine of 0.3 the line lies 0.5 px off."""
 
 SIZE_TOLERANCE = 0.05
 """A radius farther from the nominal one than this part of it is another thing."""
@@ -104,11 +106,11 @@ def find_spheres(cloud: Records, radii: Sequence[float]) -> list[SphereFit]:
     MagtrakError
         One is not there.
     """
-    points = positions(cloud)
+    points, light = positions(cloud), light_source(cloud)
     found: list[tuple[SphereFit, float]] = []
     for piece in pieces(cloud):
         for radius in sorted(set(radii)):
-            fit = _as_sphere(points[piece], radius)
+            fit = _as_sphere(points[piece], radius, light)
             if fit is not None:
                 found.append((fit, radius))
                 break
@@ -127,8 +129,21 @@ def find_spheres(cloud: Records, radii: Sequence[float]) -> list[SphereFit]:
     return result
 
 
-def _as_sphere(points: Floats, radius: float) -> SphereFit | None:
-    """The piece as a sphere of about that radius, without the parts that are seen at a slant; None where it is none."""
+def _faces(points: Floats, outward: Floats, light: Floats | None) -> Booleans:
+    """Whether a surface with ``outward`` (N, 3) at points (N, 3) is seen and lit at less than a slant."""
+    faces = np.ones(len(points), bool)
+    for place in (np.zeros(3), light):
+        if place is not None:
+            way = points - place
+            lengths = np.linalg.norm(outward, axis=1) * np.linalg.norm(way, axis=1)
+            faces &= -np.sum(outward * way, axis=1) > LIMB * lengths
+    return faces
+
+
+def _as_sphere(points: Floats, radius: float, light: Floats | None) -> SphereFit | None:
+    """The piece as a sphere of about that radius, without the parts that are seen or lit at a slant; None where it is
+    none.
+    """
     try:
         start = _consensus(points, radius)
         if start is None:
@@ -138,11 +153,8 @@ def _as_sphere(points: Floats, radius: float) -> SphereFit | None:
             fit = fit_sphere(used, start)
             start = np.append(fit.centre, fit.radius)
             outward = points - fit.centre
-            facing = -np.sum(outward * points, axis=1) / (
-                np.linalg.norm(outward, axis=1) * np.linalg.norm(points, axis=1)
-            )
             on_it = np.abs(np.linalg.norm(outward, axis=1) - fit.radius) < 0.2 * radius
-            used = points[(facing > LIMB) & on_it]
+            used = points[_faces(points, outward, light) & on_it]
         fit = fit_sphere(used, start)
     except MagtrakError:
         return None
@@ -172,10 +184,10 @@ def _consensus(points: Floats, radius: float, tries: int = 200) -> Floats | None
 
 def find_cylinder(cloud: Records, radius: float) -> CylinderFit:
     """The cylinder of a nominal radius; :exc:`MagtrakError` where there is none."""
-    points = positions(cloud)
+    points, light = positions(cloud), light_source(cloud)
     seen = []
     for piece in pieces(cloud):
-        fit = _as_cylinder(points[piece], radius)
+        fit = _as_cylinder(points[piece], radius, light)
         if isinstance(fit, CylinderFit):
             return fit
         if fit:
@@ -186,7 +198,7 @@ def find_cylinder(cloud: Records, radius: float) -> CylinderFit:
     )
 
 
-def _as_cylinder(points: Floats, radius: float) -> CylinderFit | float | None:
+def _as_cylinder(points: Floats, radius: float, light: Floats | None) -> CylinderFit | float | None:
     """The piece as a cylinder, without ends and slanting parts; its radius where that is another; None for neither."""
     try:
         fit = fit_cylinder(points[:: max(len(points) // ROUGHLY, 1)])
@@ -199,11 +211,10 @@ def _as_cylinder(points: Floats, radius: float) -> CylinderFit | float | None:
             end = AXIS_END * (high - low)
             outward = points - fit.point - along[:, None] * fit.axis
             size = np.linalg.norm(outward, axis=1)
-            facing = -np.sum(outward * points, axis=1) / (size * np.linalg.norm(points, axis=1))
             good = (
                 (along > low + end)
                 & (along < high - end)
-                & (facing > LIMB)
+                & _faces(points, outward, light)
                 & (np.abs(size - fit.radius) < 0.2 * radius)
             )
             fit = fit_cylinder(points[good], fit.axis)

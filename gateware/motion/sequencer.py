@@ -1,0 +1,218 @@
+"""All slow arithmetic of motion on one adder: a small computer that runs a fixed program."""
+
+from collections.abc import Mapping
+
+from amaranth.hdl import Cat, Const, Module, Mux, ShapeLike, Signal, signed
+from amaranth.lib import data, enum, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from .assembly import ADDRESS_BITS, LOW_BITS, VARIABLES, WORD_BITS, Program
+from .assembly import Op as _Op
+
+
+class Op(enum.Enum, shape=4):
+    """As :class:`gateware.motion.assembly.Op`."""
+
+    LOAD = _Op.LOAD
+    LOAD_NEGATIVE = _Op.LOAD_NEGATIVE
+    ADD = _Op.ADD
+    SUBTRACT = _Op.SUBTRACT
+    MULTIPLY = _Op.MULTIPLY
+    DIVIDE = _Op.DIVIDE
+    WRAP = _Op.WRAP
+    STORE = _Op.STORE
+    TO_LOW = _Op.TO_LOW
+    OUTPUT = _Op.OUTPUT
+    JUMP = _Op.JUMP
+    WAIT = _Op.WAIT
+
+
+CODE = data.StructLayout(
+    {"op": Op, "address": ADDRESS_BITS, "source": 4, "flag": 5, "unless": 1, "steps": 5, "port": 4}
+)
+"""An instruction in memory, in its low bits. ``address`` is that of a variable, a constant or a place to go to."""
+
+INIT = {"op": Op.JUMP, "address": VARIABLES, "flag": 0}
+
+
+class Variable(data.Struct):
+    """A variable, and a value for it."""
+
+    address: range(VARIABLES)
+    value: signed(32)
+
+
+class Adder(wiring.Component):
+    """What the accumulator and L become: the one adder for everything.
+
+    A step of a product adds or not, one of a quotient subtracts or not. Combinational.
+
+    Members
+    -------
+    op : one of those that change the accumulator, or ``TO_LOW``
+    a, low : accumulator and L
+    b : the operand; inverted if ``negative``
+    negative : the operand is subtracted
+    result, next_low : after one step
+    """
+
+    op: In(Op)
+    a: In(signed(WORD_BITS))
+    b: In(signed(WORD_BITS))
+    low: In(LOW_BITS)
+    negative: Out(1)
+    result: Out(signed(WORD_BITS))
+    next_low: Out(LOW_BITS)
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        op, a, low = self.op, self.a, self.low
+        x, total, chosen = Signal(signed(WORD_BITS)), Signal(signed(WORD_BITS)), Signal(signed(WORD_BITS))
+        multiplies, divides = op == Op.MULTIPLY, op == Op.DIVIDE
+        loads = (op == Op.LOAD) | (op == Op.LOAD_NEGATIVE)
+        top = Mux(op == Op.WRAP, a[31].replicate(WORD_BITS - 32), a[32:])
+        taken = Signal()
+        m.d.comb += [
+            self.negative.eq((op == Op.LOAD_NEGATIVE) | (op == Op.SUBTRACT) | divides),
+            x.eq(Mux(loads, 0, Mux(divides, Cat(low[-1], a), Cat(a[:32], top)))),
+            total.eq((Cat(self.negative, x) + Cat(self.negative, self.b))[1:]),
+            taken.eq(Mux(multiplies, low[0], ~divides | ~total[-1])),
+            chosen.eq(Mux(taken, total, x)),
+            self.result.eq(Mux(multiplies, chosen >> 1, chosen)),
+            self.next_low.eq(Mux(multiplies, Cat(low[1:], chosen[0]), Mux(divides, Cat(taken, low), a))),
+        ]
+        return m
+
+
+class Sequencer(wiring.Component):
+    """Runs a :class:`~gateware.motion.assembly.Program`, which defines what each instruction does.
+
+    One memory holds variables, program and constants. An instruction takes three clocks, a product or quotient of n
+    steps n + 2:
+
+    1. its operand's address goes to the memory; ``STORE`` writes;
+    2. the operand is taken, and the next instruction's address goes to the memory;
+    3. the accumulator changes, and the next instruction is taken.
+
+    After reset it goes on at the program's first instruction. At ``WAIT`` nothing moves until ``event``; ``resumed`` is
+    high in the clock in which it is seen. Inputs and flags should be constant from the clock after that until the next
+    ``WAIT``. The memory never reads where it writes in the same clock, but for the operand of a ``STORE``, which
+    nothing takes.
+
+    Variables can be written from outside, with a wait of at most two clocks, from the first ``WAIT`` on.
+
+    Parameters
+    ----------
+    program : what it runs
+    inputs : shapes of the program's inputs
+
+    Members
+    -------
+    event : something has happened
+    waiting, resumed : it waits; it goes on
+    inputs, flags : values, in the program's order
+    write : stream of :class:`Variable`
+    value : the accumulator
+    output : strobes, in the program's order: ``value`` is for this output
+    """
+
+    def __init__(self, program: Program, inputs: Mapping[str, ShapeLike]) -> None:
+        self.program = program
+        assert program.inputs == ("memory", "low", *inputs), "shapes for all inputs of the program, in its order"
+        super().__init__(
+            {
+                "event": In(1),
+                "waiting": Out(1),
+                "resumed": Out(1),
+                "inputs": In(data.StructLayout(dict(inputs))),
+                "flags": In(data.StructLayout(dict.fromkeys(program.flags[2:], 1))),
+                "write": In(stream.Signature(Variable)),
+                "value": Out(signed(WORD_BITS)),
+                "output": Out(data.StructLayout(dict.fromkeys(program.outputs, 1))),
+            }
+        )
+
+    def image(self) -> list[int]:
+        """What the memory holds at first."""
+        words = [
+            word["constant"] & (1 << WORD_BITS) - 1 if "constant" in word else CODE.const(word).as_value().value
+            for word in self.program.assemble()
+        ]
+        return [0] * VARIABLES + words
+
+    def elaborate(self, platform: object) -> Module:
+        m = Module()
+        image = self.image()
+        width = max(WORD_BITS, CODE.size)
+        m.submodules.memory = memory = Memory(shape=width, depth=1 << ADDRESS_BITS, init=image)
+        read, write = memory.read_port(), memory.write_port()
+
+        code = Signal(CODE, init=INIT)
+        next_place, place = Signal(ADDRESS_BITS), Signal(ADDRESS_BITS)
+        left = Signal(5)
+        started = Signal()
+        a, low, b = self.value, Signal(LOW_BITS, reset_less=True), Signal(signed(WORD_BITS), reset_less=True)
+        outside, word = Signal(signed(WORD_BITS), reset_less=True), Signal(signed(WORD_BITS))
+        shape = dict(self.inputs.shape().members)
+        values = [Const(0), low, *(self.inputs[name] for name in shape)]
+
+        m.submodules.adder = adder = Adder()
+        op = code.op
+        m.d.comb += [
+            adder.op.eq(op),
+            adder.a.eq(a),
+            adder.b.eq(b),
+            adder.low.eq(low),
+            word.eq(Mux(code.source == 0, read.data, outside) ^ adder.negative.replicate(WORD_BITS)),
+        ]
+
+        flags = Cat(1, a[-1], self.flags)
+        goes = Signal()
+        m.d.comb += goes.eq((op == Op.JUMP) & (flags.bit_select(code.flag, 1) ^ code.unless))
+
+        stores = Signal()
+        m.d.comb += [
+            read.en.eq(0),
+            self.write.ready.eq(started & ~stores),
+            write.en.eq(stores | (self.write.valid & started)),
+            write.data.eq(Mux(stores, a, self.write.payload.value)),
+            write.addr.eq(Mux(stores, code.address[: (VARIABLES - 1).bit_length()], self.write.payload.address)),
+        ]
+        with m.FSM():
+            with m.State("Operand"):
+                m.d.comb += [read.en.eq(1), read.addr.eq(code.address), stores.eq(op == Op.STORE)]
+                with m.Switch(code.source):
+                    for number, value in enumerate(values):
+                        if number:
+                            with m.Case(number):
+                                m.d.sync += outside.eq(value)
+                m.next = "Fetch"
+
+            with m.State("Fetch"):
+                m.d.comb += [
+                    next_place.eq(Mux(goes, code.address, place)),
+                    read.addr.eq(next_place),
+                    self.waiting.eq(op == Op.WAIT),
+                ]
+                m.d.sync += [b.eq(word), left.eq(code.steps)]
+                with m.If(~self.waiting | self.event):
+                    m.d.comb += [read.en.eq(1), self.resumed.eq(self.waiting)]
+                    m.d.sync += place.eq(next_place + 1)
+                    m.next = "Execute"
+
+            with m.State("Execute"):
+                with m.If(left == 0):
+                    m.d.sync += code.eq(read.data)
+                    m.next = "Operand"
+                m.d.sync += left.eq(left - 1)
+                with m.If(~op.as_value()[3]):
+                    m.d.sync += a.eq(adder.result)
+                with m.If((op == Op.MULTIPLY) | (op == Op.DIVIDE) | (op == Op.TO_LOW)):
+                    m.d.sync += low.eq(adder.next_low)
+                with m.If(op == Op.OUTPUT):
+                    m.d.comb += self.output.eq(1 << code.port)
+
+        with m.If(self.waiting):
+            m.d.sync += started.eq(1)
+        return m
