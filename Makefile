@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help setup scan test bitstream program boards fuzz soak bench docs lock clean
+.PHONY: help setup scan test bitstream program boards netlist fuzz soak bench docs lock clean
 
 help: ## list the targets (default)
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -35,6 +35,9 @@ program: bitstream ## load it into BOARD=name
 
 boards: setup ## the bitstreams of all boards, and the table in docs/boards/README.md
 	@$(BIN)/python -m boards.table
+
+netlist: setup ## Yosys's netlist of a small card, simulated beside what was written; a few minutes
+	$(BIN)/python -m pytest tests/boards/netlist.py
 
 fuzz: setup ## fuzz for some ten minutes: a million damaged packets, a minute for each reader of files and bytes
 	$(BIN)/python -m tests.fuzz.damage
