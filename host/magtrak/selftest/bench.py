@@ -9,6 +9,7 @@ from ..card import Card
 from ..errors import CardError, MagtrakError, RefusedError
 from ..frames import Frame
 from ..protocol import LUT_WORDS, REGISTERS, Access, MotorMode, Scope
+from ..settings import Settings
 
 IMAGE_S = 5.0
 """How long an image may take to come; a virtual card on a busy machine is slow."""
@@ -50,11 +51,9 @@ def restorable() -> list[str]:
 
 
 class Bench:
-    """A card under test. Leaving the block puts everything back, whatever happened.
+    """A card under test. Leaving the block puts everything back but the gate, whatever happened.
 
-    The gate's tables cannot be read, but a card has two banks of them, which every commit exchanges: the tables
-    that were in force stay in the other bank while the test's own are written and used, and the last exchange brings
-    them back. So tables are only ever written while the user's are in force.
+    The gate's tables cannot be read: those of the preset ``green`` are left in force.
 
     Parameters
     ----------
@@ -70,7 +69,6 @@ class Bench:
     def __init__(self, card: Card, options: Options) -> None:
         self.card = card
         self.options = options
-        self._ours = False  # the bank in force is the test's
         self._dirty = False  # a check may have changed something
         self._generation = 0
 
@@ -90,7 +88,7 @@ class Bench:
                 self.restore()
 
     def restore(self) -> None:
-        """Everything as it was: registers, the tables in force, the generation; the laser disarmed.
+        """Everything as it was: registers and generation; the laser disarmed, the gate as the preset ``green`` has it.
 
         Raises
         ------
@@ -105,9 +103,7 @@ class Bench:
         direct = [(name, [value]) for name, value in self._registers.items() if name not in settings and name != "run"]
         self.card.write_all(direct)
         self.card.write("run", 1)
-        if not self._ours:
-            self.commit({})
-        self.commit(measured, self._first_generation)
+        self.commit({**measured, **dict(Settings().tables())}, self._first_generation)
         self.card.write("run", self._registers["run"])
         now = self.card.read_all(list(self._registers))
         for (name, value), found in zip(self._registers.items(), now, strict=True):
@@ -115,14 +111,13 @@ class Bench:
                 raise FailedError(f"{name} was {value} and is {found}")
 
     def commit(self, values: Mapping[str, int | Sequence[int]], generation: int | None = None) -> None:
-        """Write settings and put them in force with the next image; exchanges the banks of the gate's tables.
+        """Write settings and put them in force with the next image.
 
         Raises
         ------
         FailedError
             No image came, so they never were.
         """
-        assert not (self._ours and set(values) & set(TABLES)), "the other bank holds the user's tables"
         words = {name: [value] if isinstance(value, int) else value for name, value in values.items()}
         self.card.write_all(list(words.items()))
         if generation is None:
@@ -134,7 +129,6 @@ class Bench:
         self.card.write("commit", self._generation)
         if not self.card.wait_in_force(self._generation, IMAGE_S):
             raise FailedError(f"settings waited for an image in vain for {IMAGE_S:g} s: none came")
-        self._ours = not self._ours
 
     def measure(
         self, values: Mapping[str, int], tables: Mapping[str, Sequence[int]] | None = None, count: int = 1
@@ -147,8 +141,6 @@ class Bench:
             No image came.
         """
         self.card.write("run", 1)
-        if self._ours:
-            self.commit({})
         after_power_up = {
             one.name: one.init for one in REGISTERS if one.scope is Scope.FRAME and one.access is Access.BOTH
         }

@@ -66,6 +66,10 @@ def examine(card: Card, options: Options) -> Iterator[Outcome]:
             yield outcome
         try:
             bench.restore()
-            yield Outcome("settings as before", Result.OK, "registers, gate and generation")
+            yield Outcome(
+                "settings as before",
+                Result.OK,
+                "registers and generation; the gate is now that of the preset green, for it cannot be read",
+            )
         except FailedError as reason:
             yield Outcome("settings as before", Result.FAILED, str(reason))
