@@ -79,7 +79,7 @@ def cards() -> tuple[Path, Path]:
 def test_the_netlist_gives_the_same_packets(cards: tuple[Path, Path]) -> None:
     written, made = (scenario(library) for library in cards)
     assert written == made
-    packets = Deframer().feed(written[0])
+    packets = list(Deframer().feed(written[0]))
     frames = [decode_frame(one.payload) for one in packets if one.type == PacketType.FRAME]
     assert [one.number for one in frames] == list(range(IMAGES))
     assert [one.header["detector"] for one in frames] == [int(one) for one in protocol.Detector]
