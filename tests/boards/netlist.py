@@ -44,7 +44,14 @@ def scenario(library: Path) -> tuple[bytes, list[object]]:
     for number, name in enumerate(readable):
         core.send(command(number, name))
     core.send(b"\x05\x01\x02\x03\x04\x00")  # damaged
-    settings = {"floor": 12, "motor_period": 64, "motor_duty": -9000, "motor_mode": 1, "laser_arm": protocol.LASER_KEY}
+    settings = {
+        "laser_delay_ms": 1,
+        "floor": 12,
+        "motor_period": 64,
+        "motor_duty": -9000,
+        "motor_mode": 1,
+        "laser_arm": protocol.LASER_KEY,
+    }
     for name, value in [*settings.items(), ("detector", 9), ("run", 1)]:
         core.send(command(7, name, value))
     for word in range(protocol.LUT_WORDS):  # one bank; the other after the first commit
