@@ -3,10 +3,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help setup scan test fuzz soak bench docs lock clean
+.PHONY: help setup scan test bitstream program boards netlist fuzz soak bench docs lock clean
 
 help: ## list the targets (default)
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: .venv/ready ## the environment, in .venv, from requirements.lock
 
@@ -27,6 +27,18 @@ test: setup ## all checks and tests
 	$(BIN)/python -c 'from sim.core import library; library()' # compiled now, for tests have time limits
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
+bitstream: setup ## the bitstream of BOARD=name (LINK=uart or usb, SOURCE=, SERIAL=hex): build/name/top.bit
+	@$(BIN)/python -m boards.build "$(BOARD)" --link "$(LINK)" --source "$(or $(SOURCE),pattern)" --serial "$(or $(SERIAL),1)"
+
+program: bitstream ## load it into BOARD=name
+	@$(BIN)/python -m boards.program "$(BOARD)" --link "$(LINK)"
+
+boards: setup ## the bitstreams of all boards, and the table in docs/boards/README.md
+	@$(BIN)/python -m boards.table
+
+netlist: setup ## Yosys's netlist of a small card, simulated beside what was written; a few minutes
+	$(BIN)/python -m pytest tests/boards/netlist.py
+
 fuzz: setup ## fuzz for some ten minutes: a million damaged packets, a minute for each reader of files and bytes
 	$(BIN)/python -m tests.fuzz.damage
 	for target in decoder settings calibration recording; do \
@@ -40,8 +52,9 @@ soak: setup ## a hundred thousand frames through the virtual card, every loss ac
 bench: setup ## speed and accuracy beside their peers: a table and build/bench.json
 	$(BIN)/python -m tests.bench
 
-docs: setup ## render what is generated: docs/protocol.md
+docs: setup ## render what is generated: docs/protocol.md, pages of the boards
 	$(BIN)/python -m magtrak.protocol > docs/protocol.md
+	$(BIN)/python -m boards.pages
 
 lock: ## requirements.lock anew from pyproject.toml (needs uv)
 	uv pip compile --quiet --universal --generate-hashes --python-version 3.11 --all-extras \

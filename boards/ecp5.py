@@ -6,7 +6,7 @@ from gateware.arithmetic import Multiply
 
 
 class Ecp5:
-    """A part of an ECP5 board's platform, for a class like ``Platform(Ecp5, ULX3S_85F_Platform)``."""
+    """A part of an ECP5 board's platform, which every one of :mod:`boards.board` has."""
 
     def get_multiplier(self, multiply: Multiply) -> Module:
         """A MULT18X18D with the registers inside it, which Yosys leaves unused: 278 MHz at speed 6, 132-146 without."""

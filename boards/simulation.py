@@ -10,6 +10,7 @@ from amaranth.hdl import ClockDomain, ClockSignal, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from gateware.camera.pattern import Pattern
 from gateware.core import Core
 from gateware.features import EVERYTHING, Features
 from gateware.verilog import verilog
@@ -42,6 +43,8 @@ class SimulationTop(wiring.Component):
     Parameters
     ----------
     features : what it is built with
+    pattern : the card's own test picture instead of a camera: the ``video`` ports are not connected then, and the
+        motor's outputs are wired to the encoder's inputs, PWM to A, direction to B, brake to the index
 
     Members
     -------
@@ -56,8 +59,9 @@ class SimulationTop(wiring.Component):
         as in :class:`~gateware.core.Core`
     """
 
-    def __init__(self, features: Features = EVERYTHING) -> None:
+    def __init__(self, features: Features = EVERYTHING, pattern: Pattern | None = None) -> None:
         self.core = Core(features)
+        self.pattern = pattern
         super().__init__(
             {
                 "clk": In(1),
@@ -85,13 +89,20 @@ class SimulationTop(wiring.Component):
         m.domains.sync = ClockDomain(reset_less=True)
         m.d.comb += ClockSignal().eq(self.clk)
         m.submodules.core = core = self.core
-        pixel = core.video.pixel
-        # Pixels go through a register: Verilator computes twice a clock what depends on an input.
-        m.d.sync += [
-            pixel.valid.eq(self.video_valid),
-            core.video.frame_end.eq(self.video_frame_end),
-            core.video.field.eq(self.video_field),
-        ]
+        if self.pattern is None:
+            pixel = core.video.pixel
+            # Pixels go through a register: Verilator computes twice a clock what depends on an input.
+            m.d.sync += [
+                pixel.valid.eq(self.video_valid),
+                core.video.frame_end.eq(self.video_frame_end),
+                core.video.field.eq(self.video_field),
+            ]
+            for name in ("r", "g", "b", "row_first", "row_last", "frame_first"):
+                m.d.sync += pixel.payload[name].eq(getattr(self, f"video_{name}"))
+        else:
+            m.submodules.pattern = pattern = self.pattern
+            wiring.connect(m, pattern.video, core.video)
+            m.d.comb += pattern.run.eq(core.run)
         m.d.comb += [
             core.rx.valid.eq(self.rx_valid),
             core.rx.payload.eq(self.rx_data),
@@ -100,11 +111,13 @@ class SimulationTop(wiring.Component):
             self.tx_data.eq(core.tx.payload),
             core.tx.ready.eq(self.tx_ready),
         ]
-        for name in ("r", "g", "b", "row_first", "row_last", "frame_first"):
-            m.d.sync += pixel.payload[name].eq(getattr(self, f"video_{name}"))
+        looped = {"encoder_a": core.pwm, "encoder_b": core.direction, "index": core.brake}
         for name, member in _WIRES.items():
             inner, outer = getattr(core, name), getattr(self, name)
-            m.d.comb += inner.eq(outer) if member.flow is In else outer.eq(inner)
+            if self.pattern is not None and name in looped:
+                m.d.comb += inner.eq(outer | looped[name])
+            else:
+                m.d.comb += inner.eq(outer) if member.flow is In else outer.eq(inner)
         return m
 
 

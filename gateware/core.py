@@ -11,7 +11,7 @@ from .frame.assembler import FrameAssembler
 from .frame.buffer import FrameBuffer
 from .frame.facts import MotionFacts
 from .frame.snapshot import Snapshot
-from .layouts import Bytes, Video
+from .layouts import Bytes, CameraStatus, Video
 from .link.link import Link
 from .motion.motion import Motion
 from .registers import RegisterFile
@@ -37,6 +37,8 @@ class Core(wiring.Component):
     rx, tx : bytes from and to the host
     line_errors : bytes from the host that the physical link lost, saturating
     run : the host wants images; a source that can be held waits for it
+    camera : what the source tells of its camera; only shown in the registers
+    camera_exposure, camera_gain : what the camera is to be set to, as the registers of these names have it
     """
 
     def __init__(self, features: Features = EVERYTHING) -> None:
@@ -60,6 +62,9 @@ class Core(wiring.Component):
                 "tx": Out(Bytes),
                 "line_errors": In(16),
                 "run": Out(1),
+                "camera": In(CameraStatus),
+                "camera_exposure": Out(16),
+                "camera_gain": Out(10),
             }
         )
 
@@ -172,6 +177,10 @@ class Core(wiring.Component):
             status.damaged_commands.eq(link.damaged),
             status.camera_errors.eq(vision.errors_ever),
         ]
+        for name, _ in data.Layout.cast(CameraStatus):
+            m.d.comb += status[name].eq(self.camera[name])
+        for name in ("camera_exposure", "camera_gain"):
+            m.d.comb += getattr(self, name).eq(registers.now[name])
         for name in (
             *("count", "index_count", "index_passes", "pass_count", "index_difference", "encoder_errors", "speed"),
             *("motor_state", "motor_cause", "laser_state", "laser_cause", "safety"),

@@ -30,6 +30,19 @@ Row = struct(protocol.FULL_ROW)
 Edge = struct(protocol.EDGE)
 CameraErrors = struct(protocol.CAMERA_ERRORS)
 EncoderErrors = struct(protocol.ENCODER_ERRORS)
+CameraState = struct(protocol.CAMERA_STATE)
+CameraSetup = struct(protocol.CAMERA_SETUP)
+CameraRow = struct(protocol.CAMERA_ROW)
+
+
+class CameraStatus(data.Struct):
+    """What a source tells of its camera, each under its register's name; all 0 for a source without one."""
+
+    camera_state: CameraState
+    camera_setup: CameraSetup
+    camera_row: CameraRow
+    camera_rows: 12
+    camera_rate: 11
 
 
 class Field(enum.Enum, shape=2):
@@ -131,6 +144,10 @@ Packets = stream.Signature(Packet)
 __all__ = [
     "Bytes",
     "CameraErrors",
+    "CameraRow",
+    "CameraSetup",
+    "CameraState",
+    "CameraStatus",
     "Edge",
     "EncoderErrors",
     "Field",

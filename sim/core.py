@@ -49,10 +49,13 @@ class Outputs:
 
 
 @cache
-def library() -> ctypes.CDLL:
-    """The compiled card; the first call on a machine compiles it, which takes a while."""
+def library(pattern: tuple[int, int, int] | None = None) -> ctypes.CDLL:
+    """The compiled card; the first call on a machine compiles it, which takes a while.
+
+    ``pattern`` as in :func:`sim.verilator.card_verilog`; such a card is compiled quickly, and slower.
+    """
     harness = Path(__file__).with_name("harness.cpp")
-    return load(verilator.compile_library(verilator.card_verilog(), harness, "sim.training"))
+    return load(verilator.compile_library(verilator.card_verilog(pattern), harness, "" if pattern else "sim.training"))
 
 
 def load(path: Path) -> ctypes.CDLL:

@@ -9,6 +9,7 @@ import click
 from .card import VirtualCard, World, clock_hz
 from .core import library
 from .errors import SimError
+from .pattern import run_pattern
 from .pictures import Pictures
 from .playback import read_angles
 from .scene import Scene
@@ -21,6 +22,7 @@ from .worlds import PictureWorld, SceneWorld
 def run(
     *,
     scene: str | None,
+    pattern: bool,
     frames: Path | None,
     angles: Path | None,
     counts_per_turn: int,
@@ -44,8 +46,17 @@ def run(
         number = -1
     if not 0 <= number < 2**64:
         raise SimError(f"--serial {serial} has to be a hexadecimal number of up to 16 digits.")
-    if (scene is None) == (frames is None):
-        raise SimError("Give either --scene NAME or --frames DIR with --angles FILE.csv.")
+    if (scene is not None) + (frames is not None) + pattern != 1:
+        raise SimError("Give either --scene NAME, or --frames DIR with --angles FILE.csv, or --pattern.")
+    if pattern:
+        for name, value in (
+            *(("--angles", angles), ("--frame-rate", frame_rate), ("--row-time", row_time), ("--exposure", exposure)),
+            *(("--truth", truth), ("--speckle", speckle)),
+        ):
+            if value is not None:
+                raise SimError(f"{name} does not go with --pattern: the picture is the card's own.")
+        run_pattern(link, number, real_time=pace == "real")
+        return
     if scene is not None:
         if angles is not None:
             raise SimError("--angles goes with --frames: a scene has a motor of its own.")

@@ -66,32 +66,37 @@ def _runtime() -> Path:
     return place
 
 
-def card_verilog() -> str:
-    """The card of ``boards/simulation.py`` as Verilog for Verilator, made anew when a source of it changed."""
+def card_verilog(pattern: tuple[int, int, int] | None = None) -> str:
+    """The card of ``boards/simulation.py`` as Verilog for Verilator, made anew when a source of it changed.
+
+    ``pattern``: columns, rows and period in clocks of its own test picture, which it then has instead of a camera.
+    """
     repository = Path(__file__).resolve().parent.parent
     folders = [repository / "gateware", repository / "boards", repository / "host" / "magtrak" / "protocol"]
     sources = [path.read_bytes() for folder in folders for path in sorted(folder.rglob("*.py"))]
     sources.append(Path(enables.__file__).read_bytes())
-    with _cached("verilog", importlib.metadata.version("amaranth"), *sources) as (place, folder):
+    with _cached("verilog", importlib.metadata.version("amaranth"), str(pattern), *sources) as (place, folder):
         if folder is not None:
             from boards.simulation import SimulationTop  # imported only here: Amaranth takes a second
+            from gateware.camera.pattern import Pattern
             from gateware.verilog import verilog
 
-            (folder / "top.v").write_text(write_where_changed(verilog(SimulationTop())))
+            top = SimulationTop(pattern=Pattern(*pattern) if pattern else None)
+            (folder / "top.v").write_text(write_where_changed(verilog(top)))
     return (place / "top.v").read_text()
 
 
-def compile_library(verilog: str, harness: Path, training: str) -> Path:
+def compile_library(verilog: str, harness: Path, training: str = "") -> Path:
     """Compile the module ``top`` of a Verilog text and a C++ harness into a shared library.
 
-    It is compiled twice: after the first time a short run tells the compiler which of the card's conditions are rare,
-    which makes it about a seventh faster.
+    With ``training`` it is compiled twice: after the first time a short run tells the compiler which of the card's
+    conditions are rare, which makes it about a seventh faster.
 
     Parameters
     ----------
     verilog : text with a module ``top``
     harness : C++ file that includes ``Vtop.h`` and ``verilated.h``
-    training : Python module that does the short run, called with the library's path
+    training : Python module that does the short run, called with the library's path; none: it is compiled once
 
     Returns
     -------
@@ -124,7 +129,10 @@ def compile_library(verilog: str, harness: Path, training: str) -> Path:
                 "card.so",
                 "-pthread",
             ]
-            _run([*compiler, "-fprofile-generate", "-fprofile-update=single"], folder)
-            _run([sys.executable, "-m", training, folder / "card.so"], folder)
-            _run([*compiler, "-fprofile-use"], folder)
+            if training:
+                _run([*compiler, "-fprofile-generate", "-fprofile-update=single"], folder)
+                _run([sys.executable, "-m", training, folder / "card.so"], folder)
+                _run([*compiler, "-fprofile-use"], folder)
+            else:
+                _run(compiler, folder)
     return place / "card.so"

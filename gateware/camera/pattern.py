@@ -14,12 +14,14 @@ _SLOPE = 32  # grey levels per column
 class Pattern(wiring.Component):
     """Images of a green line on black that leans by a column a row and moves by a column an image.
 
-    A pixel a clock, 32 clocks of blanking after each row, a blank row after each image.
+    A pixel a clock, 32 clocks of blanking after each row, a blank row after each image, and then a pause where the
+    next image is not due.
 
     Parameters
     ----------
     columns : 32 to 2048
     rows : 1 to 2048
+    period : clocks from image to image; where an image takes longer, or at 0, there is no pause
 
     Members
     -------
@@ -32,12 +34,15 @@ class Pattern(wiring.Component):
         A size is out of range.
     """
 
-    def __init__(self, columns: int, rows: int) -> None:
+    def __init__(self, columns: int, rows: int, period: int = 0) -> None:
         for name, value, low in (("columns", columns, 32), ("rows", rows, 1)):
             if not low <= value <= 2048:
                 raise ValueError(f"{name} is {value}; {low} to 2048 are possible")
+        if period < 0:
+            raise ValueError(f"period is {period}; it cannot be negative")
         self.columns = columns
         self.rows = rows
+        self.period = period
         super().__init__({"run": In(1), "video": Out(Video())})
 
     def reference(self, number: int) -> np.ndarray:
@@ -57,8 +62,19 @@ class Pattern(wiring.Component):
         def following(place):
             return Mux(place == self.columns - 1, 0, place + 1)
 
+        due = Signal(init=1)
+        begins = ~going & self.run & due
+        if self.period > 1:
+            left = Signal(range(self.period - 1))
+            with m.If(begins):
+                m.d.sync += [left.eq(self.period - 2), due.eq(0)]
+            with m.Elif(left != 0):
+                m.d.sync += left.eq(left - 1)
+            with m.Else():
+                m.d.sync += due.eq(1)
+
         with m.If(~going):
-            m.d.sync += [going.eq(self.run), centre.eq(start)]
+            m.d.sync += [going.eq(begins), centre.eq(start)]
         with m.Elif(column != self.columns + _BLANK_COLUMNS - 1):
             m.d.sync += column.eq(column + 1)
         with m.Else():

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from . import protocol
 from .built import Built
 from .clock import CardClock
-from .errors import CardError, CardResetError, LinkError
+from .errors import CardError, CardResetError, LinkError, RefusedError
 from .frames import DamagedFrameError, Frame, decode_frame
 from .link import Link
 from .protocol import AnswerCode, Packet, PacketType, Register, register
@@ -141,6 +141,18 @@ class Card:
             for number, word in enumerate(words):
                 commands.append(_Command(PacketType.WRITE, entry, entry.address + number, entry.encode(word)))
         self._run(commands)
+
+    def ask(self, kind: int, address: int, value: int = 0) -> Mapping[str, int]:
+        """One command as it is, even a wrong one, and its answer, even a refusal; :exc:`CardError` without one."""
+        payload = protocol.COMMAND.pack({"address": address, "value": value & 0xFFFF_FFFF})
+        for _ in range(ATTEMPTS):
+            sequence = self.link.send(kind, payload)
+            deadline = time.monotonic() + self.answer_timeout_s
+            while (left := deadline - time.monotonic()) > 0:
+                answer = self._receive(left)
+                if answer is not None and answer["to"] == sequence:
+                    return answer
+        raise CardError(f"the card at {self.link.port} does not answer: check port and baud rate")
 
     def commit(self) -> int:
         """Put what was written in force from the next image on; returns the generation that it will have."""
@@ -340,7 +352,7 @@ class Card:
             reason = f"answers {answer['code']}, which this host does not know"
         if command.register.name == "laser_arm":
             reason += "; is the interlock closed?"
-        raise CardError(f"the card refuses {command.describe()}: it {reason}")
+        raise RefusedError(f"the card refuses {command.describe()}: it {reason}", answer["code"])
 
     def _greet(self) -> Identity:
         port = self.link.port

@@ -184,6 +184,7 @@ def _state(state: State, *, virtual: bool) -> Iterator[Finding]:
             f"no errors, {values['index_passes']} passes of the index",
             f"{state.encoder_errors} errors since the card's reset: check A and B for a broken wire or noise",
         ),
+        *state.sensor.looks(),
         ("interlock", bool(values["laser_state"] & 4), "closed", "open, so that the laser stays off: close it"),
         ("motor", not state.safety.stopped, state.motor(), str(state.safety.fault(armed=False))),
     )

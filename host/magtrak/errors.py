@@ -25,6 +25,20 @@ class CardError(MagtrakError):
     """What answers is no card that this host understands, or the card refused a command."""
 
 
+class RefusedError(CardError):
+    """The card refused a command.
+
+    Parameters
+    ----------
+    message : for people
+    code : an ``AnswerCode``
+    """
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
 class CardResetError(CardError):
     """The card has started anew, and knows nothing of what it was told."""
 

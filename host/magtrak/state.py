@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from .card import Card
 from .protocol import ENCODER_ERRORS, Choice, Detector, LaserCause, MotorCause, MotorMode, register
 from .safety import Safety
+from .sensor import REGISTERS as _SENSOR_NAMES
+from .sensor import SensorReport
 
 _NAMES = (
     "run",
@@ -27,6 +29,7 @@ _NAMES = (
     "motor_state",
     "safety",
     "laser_state",
+    *_SENSOR_NAMES,
 )
 _SPEED_UNITS = 256
 
@@ -36,10 +39,16 @@ class State:
     """Registers read one after the other, in a millisecond or a few."""
 
     values: dict[str, int]
+    clock_hz: float
 
     @classmethod
     def read(cls, card: Card) -> "State":
-        return cls(dict(zip(_NAMES, card.read_all(_NAMES), strict=True)))
+        return cls(dict(zip(_NAMES, card.read_all(_NAMES), strict=True)), card.identity.clock_hz)
+
+    @property
+    def sensor(self) -> SensorReport:
+        """The camera's bus, set-up and timing."""
+        return SensorReport(self.values, self.clock_hz)
 
     @property
     def safety(self) -> Safety:

@@ -54,6 +54,24 @@ def test_nothing_comes_unless_it_is_wanted():
     simulate(dut, drive)
 
 
+@pytest.mark.parametrize(("period", "clocks"), [(0, 196), (1, 196), (196, 196), (197, 197), (251, 251)])
+def test_images_come_at_their_rate(period, clocks):
+    """An image of 2 rows takes 3 * 65 clocks, and one more to begin."""
+    dut = Pattern(33, 2, period)
+    begun = []
+
+    async def drive(ctx):
+        ctx.set(dut.run, 1)
+        for clock in range(5 * max(period, 200)):
+            _, _, valid, first = await ctx.tick().sample(dut.video.pixel.valid, dut.video.pixel.payload.frame_first)
+            if valid and first:
+                begun.append(clock)
+
+    simulate(dut, drive, clocks=20_000)
+    assert len(begun) > 3
+    assert set(np.diff(begun).tolist()) == {clocks}
+
+
 @pytest.mark.parametrize(("columns", "rows"), [(31, 4), (2049, 4), (32, 0), (32, 2049)])
 def test_sizes_that_are_not_possible_are_refused(columns, rows):
     with pytest.raises(ValueError, match=r"is (31|2049|0); (32|1) to 2048 are possible"):

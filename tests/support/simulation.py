@@ -8,10 +8,13 @@ from amaranth.sim import Simulator
 PERIOD_S = 10e-9
 
 
-def simulate(dut: Elaboratable, testbench: Callable, *more: Callable, clocks: int = 10_000) -> None:
+def simulate(
+    dut: Elaboratable, testbench: Callable, *more: Callable, clocks: int = 10_000, camera_s: float | None = None
+) -> None:
     """Run ``testbench(ctx)`` to its end, and ``more`` beside it.
 
-    The ``sync`` domain has its clock; time in the simulation ends with the testbench.
+    The ``sync`` domain has its clock, and with its period ``camera_s`` the ``camera`` domain, too; time in the
+    simulation ends with the testbench.
 
     Raises
     ------
@@ -25,6 +28,8 @@ def simulate(dut: Elaboratable, testbench: Callable, *more: Callable, clocks: in
 
     simulator = Simulator(dut)
     simulator.add_clock(PERIOD_S)
+    if camera_s is not None:
+        simulator.add_clock(camera_s, domain="camera", phase=0.37 * camera_s)
     simulator.add_testbench(timeout, background=True)
     simulator.add_testbench(testbench)
     for process in more:

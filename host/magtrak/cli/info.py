@@ -25,6 +25,7 @@ def main(port: str | None, baud: int) -> None:
             ("built with", str(one.built)),
             ("UART", f"{one.link_baud} baud" if one.link_baud else "none: USB, or a virtual card"),
             ("measurement", state.measurement()),
+            ("camera", state.sensor.text()),
             ("laser", state.laser()),
             ("motor", state.motor()),
             ("angle", state.angle()),

@@ -11,6 +11,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "info": ("info", "Show who a card is and what it is doing."),
     "list": ("list", "List the cards on this computer."),
     "replay": ("replay", "Make the cloud of a recording anew."),
+    "self-test": ("self_test", "Test a card by its test picture."),
     "set": ("set", "Set registers or settings of a card that runs."),
     "snapshot": ("snapshot", "Fetch a picture of what a card sees."),
     "watch": ("watch", "Show rates, losses, angle, laser and motor, live."),

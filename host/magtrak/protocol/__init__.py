@@ -5,6 +5,7 @@ tables, the host derives its codecs and numpy types, and ``docs/protocol.md``
 is rendered from them (``python -m magtrak.protocol``).
 """
 
+from .camera import CAMERA_ROW, CAMERA_SETUP, CAMERA_STATE, IMAGE_SIZES, ROW_CLOCKS, Sensor, SetupCause
 from .cobs import Deframer, Packet, cobs_decode, cobs_encode, frame_packet
 from .fields import Field, Layout
 from .packets import (
@@ -55,6 +56,9 @@ from .registers import (
 __all__ = [
     "ANSWER",
     "CAMERA_ERRORS",
+    "CAMERA_ROW",
+    "CAMERA_SETUP",
+    "CAMERA_STATE",
     "COMMAND",
     "COMPACT_ROW",
     "EDGE",
@@ -63,12 +67,14 @@ __all__ = [
     "FRAME",
     "FRAME_FLAGS",
     "FULL_ROW",
+    "IMAGE_SIZES",
     "LASER_KEY",
     "LUT_WORDS",
     "MAGIC",
     "MAX_EDGES",
     "POSITION_FRACTION_BITS",
     "REGISTERS",
+    "ROW_CLOCKS",
     "SNAPSHOT",
     "SNAPSHOT_FLAGS",
     "SNAPSHOT_PIXELS",
@@ -93,6 +99,8 @@ __all__ = [
     "Register",
     "RowForm",
     "Scope",
+    "Sensor",
+    "SetupCause",
     "SnapshotSource",
     "Window",
     "cobs_decode",

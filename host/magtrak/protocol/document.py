@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from . import packets, registers
+from . import camera, packets, registers
 from .fields import Layout
 
 _INTRO = """\
@@ -96,6 +96,10 @@ def render() -> str:
         parts += [f"### {heading}\n", _enum(causes)]
     doc = (registers.__doc__ or "").split("\n\n", 1)[1]
     parts += ["## Registers\n", doc]
+    for layout in (camera.CAMERA_STATE, camera.CAMERA_SETUP, camera.CAMERA_ROW):
+        parts += [f"### {layout.name.capitalize()}\n", _layout(layout)]
+    parts += ["### Sensors\n", _enum(camera.Sensor)]
+    parts += ["### Causes of a failed set-up\n", _enum(camera.SetupCause)]
     rows: list[list[str]] = []
     for r in registers.REGISTERS:
         address = f"0x{r.address:04X}" + (f"..{r.address + r.words - 1:04X}" if r.words > 1 else "")

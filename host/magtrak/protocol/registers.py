@@ -18,7 +18,7 @@ import enum
 import zlib
 from dataclasses import dataclass
 
-from . import packets
+from . import camera, packets
 from .packets import SnapshotSource
 
 VERSION = 1
@@ -412,6 +412,14 @@ REGISTERS: tuple[Register, ...] = (
     _now("sector_low", 0x0346, 32, "the sector: first count, from the zero", "counts", signed=True),
     _now("sector_high", 0x0347, 32, "the sector: last count, from the zero", "counts", signed=True),
     _card("safety", 0x0348, 32, "laser_state, laser_cause, motor_state and motor_cause, 8 bits each, in one reading"),
+    # Camera.
+    _card("camera_state", 0x0380, 32, "see camera state"),
+    _card("camera_setup", 0x0381, 32, "see camera set-up"),
+    _card("camera_row", 0x0382, 32, "shortest and longest row of the last image, 16 bits each, in one reading", "px"),
+    _card("camera_rows", 0x0383, 12, "rows of the last image", "px"),
+    _card("camera_rate", 0x0384, 11, "pixel clock (DVP: two clocks a pixel)", "clock_hz / 512"),
+    _now("camera_exposure", 0x0385, 16, "exposure that the camera is set to", "rows", init=200, low=1),
+    _now("camera_gain", 0x0386, 10, "gain that the camera is set to", "1/16", init=16, low=16),
     # Snapshot.
     _now(
         "snapshot",
@@ -457,6 +465,9 @@ def map_hash() -> int:
         packets.COMPACT_ROW,
         packets.FULL_ROW,
         packets.SNAPSHOT,
+        camera.CAMERA_STATE,
+        camera.CAMERA_SETUP,
+        camera.CAMERA_ROW,
     ):
         lines += [f"{layout.name} {offset} {field.name} {field.bits} {field.signed}" for offset, field in layout]
     return zlib.crc32("\n".join(lines).encode())

@@ -1,0 +1,24 @@
+"""All boards by name."""
+
+from . import ecpix5, icebreaker, icepi_zero, orangecrab, ulx3s
+from .board import Board
+from .errors import BoardError
+
+BOARDS: dict[str, Board] = {
+    board.name: board
+    for board in (*ulx3s.BOARDS, *ecpix5.BOARDS, *orangecrab.BOARDS, *icepi_zero.BOARDS, *icebreaker.BOARDS)
+}
+
+
+def find(name: str) -> Board:
+    """The board of that name.
+
+    Raises
+    ------
+    BoardError
+        There is none; names those that there are.
+    """
+    if name not in BOARDS:
+        said = f"there is no board {name!r}" if name else "BOARD=name is missing"
+        raise BoardError(f"{said}; the boards are: {', '.join(BOARDS)}")
+    return BOARDS[name]

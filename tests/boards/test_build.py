@@ -1,0 +1,101 @@
+"""One board built in full, from Amaranth to a bitstream; the result is kept by content."""
+
+import json
+import stat
+from pathlib import Path
+
+import pytest
+
+from boards import program, table
+from boards.build import UNITS, Result, _plain, build, check, folder, summary
+from boards.catalogue import BOARDS
+from boards.dfu import suffixed
+from boards.errors import BoardError
+
+BOARD = BOARDS["ulx3s-12f"]
+
+
+def test_a_board_is_built_in_full():
+    result = build(BOARD)
+    place = folder(BOARD, None)
+    report = json.loads((place / "report.json").read_text())
+    assert result.used["TRELLIS_COMB"] == report["utilization"]["TRELLIS_COMB"]["used"]
+    assert 1000 < result.used["TRELLIS_COMB"] < result.available["TRELLIS_COMB"]
+    assert result.used["EHXPLLL"] == 1
+    bits = (place / UNITS["ecp5"].bitstream).read_bytes()
+    assert bits[:2] == b"\xff\x00", "not a Lattice bitstream"
+    assert b"LFE5U-12F" in bits[:200]
+    # The PLL makes of 25 MHz what the board's file says, by nextpnr's own reckoning.
+    assert result.wanted_mhz == pytest.approx({"sync": BOARD.sync_hz / 1e6}, rel=1e-3)
+    check(BOARD, result)
+    assert build(BOARD) == result
+    assert summary(BOARD, result).startswith("ulx3s-12f: ")
+
+
+def test_a_clock_that_is_too_slow_fails_in_one_sentence():
+    result = Result("", 1.0, {}, {}, {"sync": 51.24, "camera": 80.0}, {"sync": 60.0, "camera": 50.0})
+    with pytest.raises(BoardError, match=r"ulx3s-12f does not meet its timing: sync reaches 51\.2 of 60 MHz; report"):
+        check(BOARD, result)
+
+
+@pytest.mark.parametrize(
+    ("net", "name"),
+    [
+        ("$glbnet$clk", "sync"),
+        ("$glbnet$usb_io_clk", "usb_io"),
+        ("$glbnet$clk_sync", "sync"),
+        ("card.camera_clk_$glb_clk", "camera"),
+    ],
+)
+def test_clocks_have_plain_names(net, name):
+    assert _plain(net) == name
+
+
+def test_a_loader_that_fails_is_told_in_one_sentence(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr("boards.program.folder", lambda board, link: tmp_path)
+    with pytest.raises(BoardError, match="run 'make bitstream BOARD=ulx3s-12f' first"):
+        program.program(BOARD, None)
+    (tmp_path / "top.bit").write_bytes(b"bits")
+    (tmp_path / "result.json").write_text("{}")
+    loader = tmp_path / "loader"
+    cases = (
+        ('echo "$@"; exit 0', None),
+        ("exit 1", "ulx3s-12f was not programmed: is it plugged in"),
+        ("echo error while loading shared libraries: libusb; exit 127", "needs libraries of the system: libusb-1.0"),
+    )
+    for script, text in cases:
+        loader.write_text(f"#!/bin/sh\n{script}\n")
+        loader.chmod(loader.stat().st_mode | stat.S_IXUSR)
+        if text is None:
+            program.program(BOARD, None, loader)
+        else:
+            with pytest.raises(BoardError, match=text):
+                program.program(BOARD, None, loader)
+
+
+def test_the_dfu_suffix_is_that_of_the_standard():
+    """By hand: of nothing at all, device 1209:5af0."""
+    data = suffixed(b"", 0x1209, 0x5AF0)
+    assert data[:12] == bytes.fromhex("ffff f05a 0912 0001 554644 10".replace(" ", ""))
+    assert len(data) == 16
+    crc = 0xFFFFFFFF
+    for byte in data[:12]:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xEDB88320 if crc & 1 else 0)
+    assert int.from_bytes(data[12:], "little") == crc
+
+
+def test_the_table_replaces_the_last(tmp_path: Path):
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n")
+    used = {"TRELLIS_COMB": 5, "DP16KD": 6, "MULT18X18D": 7}
+    line = table.line(
+        "ulx3s-12f", "uart", Result("", 61.4, used, dict.fromkeys(used, 100), {"sync": 77.2}, {"sync": 60.0024})
+    )
+    assert line == "| `ulx3s-12f` | uart | sync 77 (60) | 5 of 100 | 6 of 100 | 7 of 100 | 61 |"
+    table.insert([line], page)
+    assert (
+        page.read_text()
+        == f"before\n{table.BEGIN}\n{table.HEAD}\n|---|---|---|---:|---:|---:|---:|\n{line}\n{table.END}\nafter\n"
+    )
