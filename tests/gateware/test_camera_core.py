@@ -93,26 +93,33 @@ def test_fields_are_told_in_the_frames():
     assert [header["first_row"] for header, _ in found] == [0, 1, 0]
 
 
+class ClockPort(io.SimulationPort):
+    """A simulation's port has no pin to constrain; this stands for it."""
+
+    io = "pclk"
+
+
 class Pins:
     """A board of which a simulation holds the pins of ``camera``."""
 
     default_clk_frequency = 2000.0  # set-up in a reasonable time: a millisecond is two clocks
 
     def __init__(self) -> None:
-        widths = {"pclk": 1, "href": 1, "vsync": 1, "d": 8}
+        widths = {"href": 1, "vsync": 1, "d": 8}
         self.camera = SimpleNamespace(
+            pclk=ClockPort("i", 1),
             **{name: io.SimulationPort("i", width) for name, width in widths.items()},
             **{name: io.SimulationPort("io", 1) for name in ("scl", "sda")},
             **{name: io.SimulationPort("o", 1) for name in ("xclk", "reset")},
         )
-        self.constraints: list[float] = []
+        self.constraints: list[tuple[str, float]] = []
 
     def request(self, name, number, *, dir):
         assert (name, number, dir) == ("camera", 0, "-")
         return self.camera
 
     def add_clock_constraint(self, clock, hz) -> None:
-        self.constraints.append(hz)
+        self.constraints.append((clock, hz))
 
 
 class OnPins(wiring.Component):
@@ -177,7 +184,8 @@ def test_a_camera_on_pins_is_set_up_obeys_the_host_and_gives_its_pictures():
         while True:
             _, _, scl_low, sda_low = await ctx.tick().sample(port.scl.oe, port.sda.oe)
             assert not (ctx.get(port.scl.o) or ctx.get(port.sda.o))
-            ctx.set(port.sda.i, not (sda_low or camera.step(1 - scl_low, 1 - sda_low)))
+            pulls = camera.step(1 - scl_low, 1 - sda_low)
+            ctx.set(port.sda.i, not (sda_low or pulls))
 
     async def pictures(ctx):
         """PCLK and the pictures in turn, for ever; the bus changes at the falling edge. Noise until it is set up."""
@@ -195,5 +203,5 @@ def test_a_camera_on_pins_is_set_up_obeys_the_host_and_gives_its_pictures():
             number += 1
 
     simulate(dut, test, listen, bus, pictures, clocks=40_000)
-    assert pins.constraints == [50e6]
+    assert pins.constraints == [("pclk", 50e6)]
     assert camera.faults == []
