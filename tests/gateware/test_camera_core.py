@@ -66,7 +66,7 @@ def frames_of(source, clocks, count: int, ratio: float) -> list[tuple[dict, list
     return found
 
 
-PICTURES = [line_image(rows=4, columns=32, seed=seed) for seed in range(3)]
+PICTURES = [line_image(rows=4, columns=32, seed=seed) for seed in range(2)]
 
 
 def check(found, pictures) -> None:
@@ -81,16 +81,16 @@ def check(found, pictures) -> None:
 
 def test_dvp_gives_the_rows_of_its_pictures():
     clocks = dvp([dvp_frame(rgb565_bytes(picture)) for picture in PICTURES])
-    check(frames_of(Dvp(), clocks, 3, 1.83), [rgb565(picture) for picture in PICTURES])
+    check(frames_of(Dvp(), clocks, 2, 1.83), [rgb565(picture) for picture in PICTURES])
 
 
 def test_fields_are_told_in_the_frames():
-    timings = [RgbTiming(back=24, half_line=half) for half in (False, True, False)]
+    timings = [RgbTiming(back=24, half_line=half) for half in (False, True)]
     clocks = rgb([rgb_frame(picture, timing) for picture, timing in zip(PICTURES, timings, strict=True)])
-    found = frames_of(Rgb(interlace=Interlace.PHASE), clocks, 3, 0.97)
+    found = frames_of(Rgb(interlace=Interlace.PHASE), clocks, 2, 0.97)
     check(found, PICTURES)
-    assert [header["row_step"] for header, _ in found] == [2, 2, 2]
-    assert [header["first_row"] for header, _ in found] == [0, 1, 0]
+    assert [header["row_step"] for header, _ in found] == [2, 2]
+    assert [header["first_row"] for header, _ in found] == [0, 1]
 
 
 class ClockPort(io.SimulationPort):
@@ -164,10 +164,10 @@ def test_a_camera_on_pins_is_set_up_obeys_the_host_and_gives_its_pictures():
             ready = CAMERA_STATE.unpack((await rig.read("camera_state")).to_bytes(4, "little"))["ready"]
         assert camera.written == [(0, 0x10, 200 >> 2)]
         await rig.write("camera_exposure", 0x345)
-        for picture in PICTURES[:2]:
+        for picture in PICTURES:
             header, rows = await rig.frame()
             assert (header["columns"], header["rows"], header["camera_errors"]) == (32, 4, 0)
-            assert rows in [expected(rgb565(one)) for one in PICTURES[:2]], picture
+            assert rows in [expected(rgb565(one)) for one in PICTURES], picture
         assert (await rig.read("camera_row"), await rig.read("camera_rows")) == (32 << 16 | 32, 4)
         assert abs(await rig.read("camera_rate") - 512 * 0.9) < 2
         assert camera.written == [(0, 0x10, 200 >> 2), (0, 0x10, 0x345 >> 2 & 0xFF)]
