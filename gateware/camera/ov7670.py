@@ -2,8 +2,8 @@
 
 After the register descriptions of OmniVision's data sheet of the OV7670/OV7171 ("device control register list").
 The sheet was not at hand: addresses, bits and values
-are from knowledge of it, and are to be compared with it before anyone relies on them. What drivers put into reserved registers besides is
-left out.
+are from knowledge of it, and are to be compared with it before anyone relies on them.
+What drivers put into reserved registers besides is left out.
 """
 
 from magtrak.protocol import Sensor
