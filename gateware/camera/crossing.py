@@ -77,7 +77,7 @@ class Crossing(wiring.Component):
     Nothing goes out before the first vertical sync: a camera may be in the middle of an image. While ``enable`` is
     low none begins.
 
-    Latency: 2 camera clocks and 4 to 5 card clocks from a pixel's successor to ``video``, while nothing waits.
+    Latency: 3 camera clocks and 2 to 5 card clocks from a pixel to ``video``, while nothing waits.
     Throughput: a pixel a clock, of the slower clock on average.
 
     Parameters
@@ -218,20 +218,21 @@ class Crossing(wiring.Component):
         word = Signal(_Word)
         taken, wait = Signal(), Signal()
         left = Signal(range(MIN_FRAME_GAP))  # clocks in which no row may begin
+        pause = Signal()  # left != 0, ahead of time
         m.d.comb += [
             word.eq(fifo.r_data),
-            wait.eq(word.row_first & (left != 0)),
+            wait.eq(word.row_first & pause),
             fifo.r_en.eq(~wait),
             taken.eq(fifo.r_rdy & ~wait),
         ]
         with m.If(taken & word.frame_end):
-            m.d.sync += left.eq(MIN_FRAME_GAP - 1)
+            m.d.sync += [left.eq(MIN_FRAME_GAP - 1), pause.eq(1)]
         with m.Elif(taken & word.row_first):
-            m.d.sync += left.eq(MIN_ROW_PERIOD - 1)
+            m.d.sync += [left.eq(MIN_ROW_PERIOD - 1), pause.eq(1)]
         with m.Elif(taken & word.row_last & (left < MIN_BLANKING)):
-            m.d.sync += left.eq(MIN_BLANKING - 1)
-        with m.Elif(left != 0):
-            m.d.sync += left.eq(left - 1)
+            m.d.sync += [left.eq(MIN_BLANKING - 1), pause.eq(1)]
+        with m.Elif(pause):
+            m.d.sync += [left.eq(left - 1), pause.eq(left != 1)]
         m.d.sync += [
             video.pixel.valid.eq(taken & word.valid),
             video.frame_end.eq(taken & word.frame_end),

@@ -1,7 +1,8 @@
 """OV2640: 640 x 480 cut out of SVGA, RGB565, not scaled, nothing automatic.
 
-Written from the register descriptions of OmniVision's preliminary data sheet of the OV2640, version 1.6: table 12 (bank
-of the image processor, 0xFF = 0) and table 13 (bank of the sensor, 0xFF = 1).
+After the register descriptions of OmniVision's data sheet of the OV2640: the bank of the image processor (0xFF = 0) and
+that of the sensor (0xFF = 1). The sheet was not at hand: addresses, bits and values
+are from knowledge of it, and are to be compared with it before anyone relies on them.
 """
 
 from magtrak.protocol import Sensor

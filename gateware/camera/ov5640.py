@@ -1,7 +1,8 @@
 """OV5640: 640 x 480 from the middle, every two rows and columns binned, RGB565, not scaled, nothing automatic.
 
-Written from the register descriptions of OmniVision's data sheet of the OV5640, version 2.03, chapter 7 ("register
-tables"), and the figures of chapter 4 for the window and the clocks. For an input clock of 24 MHz: 28 MHz PCLK.
+After the register descriptions of OmniVision's data sheet of the OV5640 ("register tables"). For an input clock of
+24 MHz: 28 MHz PCLK. The sheet was not at hand: addresses, bits and values
+are from knowledge of it, and are to be compared with it before anyone relies on them.
 """
 
 from magtrak.protocol import Sensor

@@ -1,7 +1,9 @@
 """OV7670: VGA, RGB565, as linear as it goes, nothing automatic.
 
-Written from the register descriptions of OmniVision's preliminary data sheet of the OV7670/OV7171, version 1.4, table 5
-("device control register list"). What drivers put into reserved registers besides is left out.
+After the register descriptions of OmniVision's data sheet of the OV7670/OV7171 ("device control register list").
+The sheet was not at hand: addresses, bits and values
+are from knowledge of it, and are to be compared with it before anyone relies on them.
+What drivers put into reserved registers besides is left out.
 """
 
 from magtrak.protocol import Sensor

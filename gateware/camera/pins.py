@@ -88,10 +88,10 @@ def camera_rgb(*, pclk_hz: float = 75e6, **options) -> Camera:
 
 
 def _domain(m: Module, platform, pin, hz: float) -> None:
-    m.domains.camera = domain = ClockDomain()
+    m.domains.camera = ClockDomain()
     m.submodules.camera_pclk = buffer = io.Buffer("i", pin)
-    m.d.comb += domain.clk.eq(buffer.i)
-    platform.add_clock_constraint(domain.clk, hz)
+    m.d.comb += ClockSignal("camera").eq(buffer.i)
+    platform.add_clock_constraint(pin.io, hz)
     m.submodules.camera_clock_reset = ResetSynchronizer(ResetSignal("sync", allow_reset_less=True), domain="camera")
 
 

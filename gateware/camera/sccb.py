@@ -22,7 +22,7 @@ class Sccb(wiring.Component):
     all other bytes is looked at: SCCB calls it "don't care", a slave that keeps to I2C pulls it low. What to make of it
     is left to the user. The slave cannot hold the clock: cameras do not.
 
-    Source: OmniVision, Serial Camera Control Bus functional specification 2.2, sections 3.1 to 3.3.
+    Source: OmniVision, Serial Camera Control Bus functional specification.
 
     Latency of a write: 120 quarters of a bit with 8-bit addresses, 156 with 16; of a read 168 and 204.
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from amaranth.hdl import Module
+from amaranth.hdl import ClockDomain, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import connect
 
 from gateware.camera.dvp import Dvp
 from gateware.camera.monitor import Monitor
 from gateware.camera.rgb import Interlace, Rgb
-from gateware.camera.timing import Timing
+from gateware.camera.timing import MISSING_CLOCKS, Timing
 from gateware.layouts import Field
 from sim.quantise import rgb565
 from tests.support.sensors import DvpTiming, RgbTiming, dvp_frame, rgb565_bytes, rgb_frame
@@ -116,8 +116,9 @@ def random_images(seed: int, count: int, rows: int = 4, columns: int = 24) -> li
     return list(np.random.default_rng(seed).integers(0, 256, (count, rows, columns, 3)).astype(np.uint8))
 
 
-@pytest.mark.parametrize("ratio", [0.11, 0.5, 0.97, 1.03, 1.9])
-@pytest.mark.parametrize("high_byte_first", [True, False])
+@pytest.mark.parametrize(
+    ("ratio", "high_byte_first"), [(0.11, True), (0.5, True), (0.97, True), (0.97, False), (1.03, True), (1.9, True)]
+)
 def test_dvp_images_arrive_whole_at_unrelated_clocks(ratio, high_byte_first):
     """Up to almost two camera clocks to one of the card: two bytes are a pixel."""
     images = random_images(1, 3)
@@ -282,6 +283,56 @@ def test_glitches_of_the_vertical_sync_do_nothing_and_an_early_one_cuts_a_row():
     assert len(seen.images) == 4  # the early sync begins one, whose first row is the next
     assert (seen.picture(2) == rgb565(images[1])[3:]).all()
     assert (seen.picture(3) == rgb565(images[2])).all() and not seen.errors[-1]
+
+
+def test_a_clock_that_stops_within_a_row_loses_nothing():
+    """It is missed meanwhile; and when the camera goes on, so does the image."""
+    image = random_images(16, 1)[0]
+    clocks = list(dvp([dvp_frame(bytes_of(image))]))
+    stop = [n for n, one in enumerate(clocks) if one["href"]][60]
+    source = Dvp()
+    m = Module()
+    m.domains.camera = domain = ClockDomain(reset_less=True)
+    m.submodules.watched = dut = Watched(source)
+    pixels, errors = [], []
+
+    async def drive(ctx):
+        for n, values in enumerate(clocks):
+            ctx.set(domain.clk, 0)
+            for name, value in values.items():
+                ctx.set(getattr(source, name), value)
+            await ctx.delay(PERIOD_S * 0.57)
+            ctx.set(domain.clk, 1)
+            await ctx.delay(PERIOD_S * 0.57)
+            if n == stop:
+                assert not ctx.get(dut.timing.clock_missing)
+                await ctx.delay(PERIOD_S * (MISSING_CLOCKS + 10))
+                assert ctx.get(dut.timing.clock_missing)
+        await ctx.tick("sync").repeat(20)
+        assert not ctx.get(dut.timing.clock_missing)
+        errors.append(ctx.get(dut.monitor.errors.as_value()))
+
+    async def look(ctx):
+        while True:
+            _, _, valid, pixel = await ctx.tick("sync").sample(source.video.pixel.valid, source.video.pixel.p)
+            if valid:
+                pixels.append((pixel.r, pixel.g, pixel.b))
+
+    simulate(m, drive, look, clocks=20_000)
+    assert (np.array(pixels, np.uint8).reshape(image.shape) == rgb565(image)).all()
+    assert errors == [0]
+
+
+def test_a_camera_that_begins_anew_cuts_its_image():
+    """As after its supply failed: in the middle of a row the vertical sync comes on."""
+    images = random_images(17, 3)
+    frames = [list(dvp_frame(bytes_of(image))) for image in images]
+    rows = [n for n, (href, _, _) in enumerate(frames[1]) if href]
+    seen = watch(Dvp(), dvp([frames[0], frames[1][: rows[60]], frames[2]]), 0.9)
+    assert [len(image) for image in seen.images] == [4, 2, 4]
+    assert (seen.picture(2) == rgb565(images[2])).all()
+    assert "row_length" in seen.errors[1] and not seen.errors[2]
+    assert seen.state["unsteady"] == 2  # the one that was cut, and the next, which has more rows
 
 
 def test_images_pass_while_they_may():

@@ -1,4 +1,6 @@
-"""Cameras at the pins of their buses, made from what their data sheets say."""
+"""Cameras at the pins of their buses, modelled after their data sheets as far as they are known: the sheets were not at
+hand, and what is assumed wrongly in a register table may be assumed here, too.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
