@@ -23,16 +23,18 @@ class BlockRam(wiring.Component):
     Parameters
     ----------
     shape : of a word
-    depth : words; their initial value is 0
+    depth : words
+    init : their initial values; the rest is 0
 
     Members
     -------
     write, read : ports as of :mod:`amaranth.lib.memory`, seen from the memory
     """
 
-    def __init__(self, shape, depth: int) -> None:
+    def __init__(self, shape, depth: int, init=()) -> None:
         self.shape = shape
         self.depth = depth
+        self.init = list(init)
         bits = (depth - 1).bit_length()
         super().__init__(
             {
@@ -43,7 +45,7 @@ class BlockRam(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        words = memory.Memory(shape=self.shape, depth=self.depth, init=[], attrs={"no_rw_check": 1})
+        words = memory.Memory(shape=self.shape, depth=self.depth, init=self.init, attrs={"no_rw_check": 1})
         m.submodules.words = words
         write, read = words.write_port(), words.read_port(domain="comb")
         word = Signal(self.shape, reset_less=True)

@@ -203,7 +203,7 @@ class MotorControl(wiring.Component):
         ]
         m.d.sync += [ticked.eq((ticked & ~self.sampled) | self.tick), moved.eq((moved & ~self.sampled) | self.edge)]
         with m.If(self.sampled & ticked):
-            m.d.sync += [*(been[name].eq(0) for name in events), illegals.eq(self.illegal)]
+            m.d.sync += [*(been[name].eq(event) for name, event in events.items()), illegals.eq(self.illegal)]
         with m.Else():
             m.d.sync += [been[name].eq(been[name] | event) for name, event in events.items()]
             with m.If(self.illegal & ~illegals.all()):
@@ -227,7 +227,7 @@ class MotorControl(wiring.Component):
                 m.d.sync += sample[name].eq(getattr(self, name))
             m.d.sync += [
                 sample.illegals.eq(illegals),
-                sample.difference.eq(Mux(self.wrong & ~intolerable, self.difference, difference)),
+                sample.difference.eq(difference),
                 flags.tick.eq(ticked),
                 flags.closed.eq(closed),
                 flags.speed_mode.eq(mode == MotorMode.SPEED),
@@ -236,7 +236,7 @@ class MotorControl(wiring.Component):
                 flags.driven.eq(driven),
                 *(flags[name].eq(getattr(self, name)) for name in ("backward", "seen", "alive")),
                 *(flags[f"watch_{name}"].eq(Faults(settings.motor_watch)[name]) for name in FAULTS),
-                *(flags[name].eq(been[name] | event) for name, event in events.items()),
+                *(flags[name].eq(been[name]) for name in events),
             ]
 
         # Results. What the mode has overtaken is void.

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 from amaranth.hdl import Cat, Const, Module, Mux, ShapeLike, Signal, signed
 from amaranth.lib import data, enum, stream, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from ..memory import BlockRam
 from .assembly import ADDRESS_BITS, LOW_BITS, VARIABLES, WORD_BITS, Program
 from .assembly import Op as _Op
 
@@ -100,7 +100,8 @@ class Sequencer(wiring.Component):
     ``WAIT``. The memory never reads where it writes in the same clock, but for the operand of a ``STORE``, which
     nothing takes.
 
-    Variables can be written from outside, with a wait of at most two clocks, from the first ``WAIT`` on.
+    Variables can be written from outside, with a wait of a clock, from the first ``WAIT`` on; never while an operand
+    is read.
 
     Parameters
     ----------
@@ -145,8 +146,8 @@ class Sequencer(wiring.Component):
         m = Module()
         image = self.image()
         width = max(WORD_BITS, CODE.size)
-        m.submodules.memory = memory = Memory(shape=width, depth=1 << ADDRESS_BITS, init=image)
-        read, write = memory.read_port(), memory.write_port()
+        m.submodules.memory = memory = BlockRam(width, 1 << ADDRESS_BITS, image)
+        read, write = memory.read, memory.write
 
         code = Signal(CODE, init=INIT)
         next_place, place = Signal(ADDRESS_BITS), Signal(ADDRESS_BITS)
@@ -171,17 +172,17 @@ class Sequencer(wiring.Component):
         goes = Signal()
         m.d.comb += goes.eq((op == Op.JUMP) & (flags.bit_select(code.flag, 1) ^ code.unless))
 
-        stores = Signal()
+        reads, stores = Signal(), Signal()  # an operand; a variable
         m.d.comb += [
             read.en.eq(0),
-            self.write.ready.eq(started & ~stores),
-            write.en.eq(stores | (self.write.valid & started)),
-            write.data.eq(Mux(stores, a, self.write.payload.value)),
-            write.addr.eq(Mux(stores, code.address[: (VARIABLES - 1).bit_length()], self.write.payload.address)),
+            self.write.ready.eq(started & ~reads),
+            write.en.eq(stores | (self.write.valid & self.write.ready)),
+            write.data.eq(Mux(reads, a, self.write.payload.value)),
+            write.addr.eq(Mux(reads, code.address[: (VARIABLES - 1).bit_length()], self.write.payload.address)),
         ]
         with m.FSM():
             with m.State("Operand"):
-                m.d.comb += [read.en.eq(1), read.addr.eq(code.address), stores.eq(op == Op.STORE)]
+                m.d.comb += [read.en.eq(1), read.addr.eq(code.address), reads.eq(1), stores.eq(op == Op.STORE)]
                 with m.Switch(code.source):
                     for number, value in enumerate(values):
                         if number:

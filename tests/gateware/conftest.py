@@ -11,7 +11,7 @@ _elaborate = BlockRam.elaborate
 def _inverted(self, platform):
     """As :meth:`BlockRam.elaborate`, but a word that is read while it is written comes inverted."""
     m = Module()
-    plain = BlockRam(self.shape, self.depth)
+    plain = BlockRam(self.shape, self.depth, self.init)
     m.submodules.plain = _elaborate(plain, platform)
     met, word = Signal(), Signal(self.shape)
     m.d.comb += [
