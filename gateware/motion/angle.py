@@ -142,7 +142,7 @@ class EdgeLog(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         slot_bits = (MAX_EDGES - 1).bit_length()
-        m.submodules.memory = memory = BlockRam(Edge, 2 * MAX_EDGES)  # the bank that is read is not written
+        m.submodules.memory = memory = BlockRam(Edge, 2 * MAX_EDGES, block=True)  # the bank that is read is not written
         write, read = memory.write, memory.read
         m.d.comb += read.en.eq(1)
 

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import MAX_EDGES
 
+from ..features import EVERYTHING, Features
 from ..layouts import Edge, EncoderErrors, NowSettings, SettingWrite
 from .angle import AngleLatch, AngleStamp, EdgeLog
 from .filter import LENGTH_BITS, Align
@@ -33,6 +34,10 @@ class Motion(wiring.Component):
 
     Settings act at once. A new ``encoder_filter`` moves the times of the edges and strobes under way by as much as
     it differs, and may repeat such a strobe or leave it out: write it when no image is measured.
+
+    Parameters
+    ----------
+    features : ``speed_loop`` counts
 
     Members
     -------
@@ -111,6 +116,10 @@ class Motion(wiring.Component):
         """Clocks from a strobe to what it latches, with the glitch filter at ``length``."""
         return Quadrature.latency(length) + 1
 
+    def __init__(self, features: Features = EVERYTHING) -> None:
+        self.features = features
+        super().__init__()
+
     def elaborate(self, platform: object) -> Module:
         m = Module()
         settings = self.settings
@@ -139,7 +148,9 @@ class Motion(wiring.Component):
         row_first, frame_first, take, barrier = align.o
 
         # The time at which the pins were what is seen now: less than the time by the latency, which may change.
-        late, late_before = (Signal(range((1 << LENGTH_BITS) + Quadrature.latency(0)), name=n) for n in ("late", "before"))
+        late, late_before = (
+            Signal(range((1 << LENGTH_BITS) + Quadrature.latency(0)), name=n) for n in ("late", "before")
+        )
         step = Signal(signed(len(late) + 1), init=1)
         then = Signal(48, init=-Quadrature.latency(1) & (1 << 48) - 1)
         m.d.sync += [
@@ -203,7 +214,7 @@ class Motion(wiring.Component):
             m.d.sync += self.encoder_fault.eq(fault_now)
 
         m.submodules.milliseconds = milliseconds = Milliseconds()
-        m.submodules.motor = motor = MotorControl()
+        m.submodules.motor = motor = MotorControl(speed_loop=self.features.speed_loop)
         m.submodules.enable = enable = Interlock()
         m.d.comb += [
             motor.settings.eq(self.settings),

@@ -108,7 +108,7 @@ class MotorControl(wiring.Component):
     A :class:`Sequencer` works out, every millisecond, the speed from the edges (:class:`SpeedMeter`), the speed wanted
     (:class:`Profile`), the duty (:class:`SpeedLoop`) and whether something is wrong (:class:`MotorWatch`); and at each
     edge, whether the angle is in the sector (:class:`Sector`). All see the state in one clock, that of ``sampled``. A
-    millisecond takes less than 1900 clocks, an edge less than 120; ticks and edges that come meanwhile are seen
+    millisecond takes less than 1900 clocks, an edge less than 130; ticks and edges that come meanwhile are seen
     together, after it. A fault takes two clocks from when it is found to stop the PWM: the bridge brakes until the mode
     is written ``OFF``.
 
