@@ -2,6 +2,7 @@
 
 import random
 from functools import cache
+from itertools import pairwise
 
 import pytest
 
@@ -83,7 +84,7 @@ def test_speed_band_and_sector_are_those_of_the_definitions(speed_loop):
     ticks = [first + number for number in range(1999, 12 * 2000, 2000)]
     samples = [clock for clock, sampled in enumerate(got["sampled"]) if sampled and clock >= first]
     now, lit = Measured(), set()
-    for sample, after in zip(samples, samples[1:], strict=False):
+    for sample, after in pairwise(samples):
         inputs = stimulus[sample]
         inside = Sector.reference(inputs["count"] + 3, True, 100, 10, 60)
         ticked = any(sample - EDGE <= tick < sample for tick in ticks)
