@@ -74,7 +74,7 @@ class Core(wiring.Component):
         m.submodules.admission = admission = Admission()
         m.submodules.vision = vision = Vision(features)
         m.submodules.alternation = alternation = Alternation()
-        m.submodules.motion = motion = Motion()
+        m.submodules.motion = motion = Motion(self.features)
         m.submodules.buffer = buffer = FrameBuffer(features.max_rows)
         m.submodules.assembler = assembler = FrameAssembler(features.max_rows)
         m.submodules.snapshot = snapshot = Snapshot()

@@ -27,16 +27,18 @@ class BlockRam(wiring.Component):
     shape : of a word
     depth : words
     init : the words before anything is written, 0 where there are fewer. Reset leaves what is there.
+    block : never of logic cells, however small it is
 
     Members
     -------
     write, read : ports as of :mod:`amaranth.lib.memory`, seen from the memory
     """
 
-    def __init__(self, shape, depth: int, init: Sequence = ()) -> None:
+    def __init__(self, shape, depth: int, init: Sequence = (), *, block: bool = False) -> None:
         self.shape = shape
         self.depth = depth
         self.init = init
+        self.block = block
         bits = (depth - 1).bit_length()
         super().__init__(
             {
@@ -47,7 +49,8 @@ class BlockRam(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        words = memory.Memory(shape=self.shape, depth=self.depth, init=self.init, attrs={"no_rw_check": 1})
+        attrs = {"no_rw_check": 1} | ({"ram_style": "block"} if self.block else {})
+        words = memory.Memory(shape=self.shape, depth=self.depth, init=self.init, attrs=attrs)
         m.submodules.words = words
         write, read = words.write_port(), words.read_port(domain="comb")
         word = Signal(self.shape, reset_less=True)

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import MAX_EDGES
 
 from ..layouts import Edge
+from ..memory import BlockRam
 from .quadrature import UNKNOWN, Move
 
 
@@ -142,8 +142,9 @@ class EdgeLog(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         slot_bits = (MAX_EDGES - 1).bit_length()
-        m.submodules.memory = memory = Memory(shape=Edge, depth=2 * MAX_EDGES, init=[])
-        write, read = memory.write_port(), memory.read_port()
+        m.submodules.memory = memory = BlockRam(Edge, 2 * MAX_EDGES, block=True)  # the bank that is read is not written
+        write, read = memory.write, memory.read
+        m.d.comb += read.en.eq(1)
 
         def slot(entry: Signal, shift: Signal) -> Mux:
             turned = Cat(entry, entry)

@@ -61,7 +61,6 @@ class Program:
     ``store(v)``             variable v = A
     ``wrap()``               A = its low 32 bits, signed
     ``to_low()``             L = low 32 bits of A
-    ``load("low")``          A = L, without sign
     ``multiply(x, n)``       n times: if L is odd, A = A + x; then A and L together move right by a bit, with A's sign
     ``divide(x, n)``         n times: A and L together move left by a bit; if A >= x, A = A - x and L = L + 1
     ``output(o)``            A appears at output o
@@ -70,7 +69,8 @@ class Program:
     ======================== ==========================================================================================
 
     So ``load(f); to_low(); load(0); multiply(x, 24)`` leaves ``f * x >> 24`` in A, for f below 2**24, and its low 24
-    bits at the top of L. ``multiply(0, n)`` and ``divide(0, n)`` only shift.
+    bits at the top of L. ``multiply(0, n)`` and ``divide(0, n)`` only shift; so ``load_low()``, which is ``load(0);
+    divide(0, 32)``, leaves L in A, and L unknown.
 
     ``with when(flag):`` runs what is in it if the flag is set, ``unless(flag)`` if it is not; ``otherwise()`` may
     follow. The flag ``negative`` is A's sign.
@@ -81,7 +81,7 @@ class Program:
     """
 
     def __init__(self, inputs: Sequence[str], flags: Sequence[str], outputs: Sequence[str]) -> None:
-        self.inputs = ("memory", "low", *inputs)
+        self.inputs = ("memory", *inputs)
         self.flags = ("always", "negative", *flags)
         self.outputs = tuple(outputs)
         self.variables: dict[str, int] = {}
@@ -127,6 +127,11 @@ class Program:
 
     def multiply(self, operand: str | int, steps: int) -> None:
         self._emit(Op.MULTIPLY, operand, steps=steps)
+
+    def load_low(self) -> None:
+        """A = L, without sign; L is lost."""
+        self.load(0)
+        self.divide(0, LOW_BITS)
 
     def divide(self, operand: str | int, steps: int) -> None:
         self._emit(Op.DIVIDE, operand, steps=steps)
@@ -230,11 +235,12 @@ class Program:
         places = {value: begin + len(self.instructions) + at for at, value in enumerate(constants)}
         words = []
         for instruction in self.instructions:
-            operand, source, address, port = instruction.operand, 0, 0, 0
+            operand, source, address = instruction.operand, 0, 0
+            condition = self.flags.index(instruction.flag)
             if instruction.op is Op.JUMP:
                 address = begin + self.labels[str(operand)]
             elif instruction.op is Op.OUTPUT:
-                port = self.outputs.index(str(operand))
+                condition = self.outputs.index(str(operand))
             elif isinstance(operand, int):
                 address = places[operand]
             elif operand in self.variables:
@@ -248,10 +254,9 @@ class Program:
                     "op": int(instruction.op),
                     "address": address,
                     "source": source,
-                    "flag": self.flags.index(instruction.flag),
+                    "condition": condition,
                     "unless": int(instruction.unless),
                     "steps": instruction.steps - 1,
-                    "port": port,
                 }
             )
         words += [{"constant": value} for value in constants]
@@ -296,7 +301,7 @@ class Program:
             if one.op is Op.STORE:
                 state[str(x)] = a
                 continue
-            b = x if isinstance(x, int) else low if x == "low" else state[x] if x in self.variables else inputs[x]
+            b = x if isinstance(x, int) else state[x] if x in self.variables else inputs[x]
             if one.op is Op.LOAD:
                 a = b
             elif one.op is Op.LOAD_NEGATIVE:

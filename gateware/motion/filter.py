@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
+
+from ..memory import BlockRam
 
 LENGTH_BITS = 8
 
@@ -95,8 +96,8 @@ class Align(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         depth = 2 << LENGTH_BITS  # twice the longest delay: the two ports never meet
-        m.submodules.memory = memory = Memory(shape=self.width, depth=depth, init=[])
-        write, read = memory.write_port(), memory.read_port()
+        m.submodules.memory = memory = BlockRam(self.width, depth)
+        write, read = memory.write, memory.read
         distance = Signal(LENGTH_BITS)
         filled = Signal(range(depth))
         fresh, taken = Signal(), Signal()
@@ -105,6 +106,7 @@ class Align(wiring.Component):
             distance.eq(Mux(self.length == 0, 1, self.length)),
             write.data.eq(self.i),
             write.en.eq(1),
+            read.en.eq(1),
             read.addr.eq(write.addr - distance),
         ]
         m.d.sync += [

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import MAX_EDGES
 
+from ..features import EVERYTHING, Features
 from ..layouts import Edge, EncoderErrors, NowSettings, SettingWrite
 from .angle import AngleLatch, AngleStamp, EdgeLog
 from .filter import LENGTH_BITS, Align
@@ -23,7 +24,7 @@ SAFETY = ("laser_state", "laser_cause", "motor_state", "motor_cause")
 class Motion(wiring.Component):
     """Encoder, index, angle of the image, motor and laser.
 
-    One time rules all stamps: ``time``, clocks since reset. An edge has the time at which its pin changed, a latch that
+    One time rules all stamps: clocks since reset. An edge has the time at which its pin changed, a latch that
     of its strobe; synchroniser and glitch filter delay strobes and pins alike, so they are made up for exactly. What a
     strobe at time t latches comes :meth:`latency` clocks later, and includes the edges up to and including t.
 
@@ -33,6 +34,10 @@ class Motion(wiring.Component):
 
     Settings act at once. A new ``encoder_filter`` moves the times of the edges and strobes under way by as much as
     it differs, and may repeat such a strobe or leave it out: write it when no image is measured.
+
+    Parameters
+    ----------
+    features : ``speed_loop`` counts
 
     Members
     -------
@@ -46,7 +51,6 @@ class Motion(wiring.Component):
     renew : strobe, an intact command has come
     shutter : the laser may shine, if all else permits it too
     take, taken : strobes, the edge log of an image is wanted; is ready to be read
-    time : clocks since reset
     first, last : latches of the first and the last row
     encoder_fault : an illegal transition, or a wrong turn, between the last two ``take``
     edges, edge_shift : entries of the edge log, and which edges they are
@@ -82,7 +86,6 @@ class Motion(wiring.Component):
 
     take: In(1)
     taken: Out(1)
-    time: Out(48)
     first: Out(AngleStamp)
     last: Out(AngleStamp)
     encoder_fault: Out(1)
@@ -113,6 +116,10 @@ class Motion(wiring.Component):
         """Clocks from a strobe to what it latches, with the glitch filter at ``length``."""
         return Quadrature.latency(length) + 1
 
+    def __init__(self, features: Features = EVERYTHING) -> None:
+        self.features = features
+        super().__init__()
+
     def elaborate(self, platform: object) -> Module:
         m = Module()
         settings = self.settings
@@ -140,13 +147,17 @@ class Motion(wiring.Component):
         m.d.comb += [align.i.eq(Cat(strobes, level)), align.length.eq(length)]
         row_first, frame_first, take, barrier = align.o
 
-        # Two additions in two clocks; the second register is a clock late, too, and leaves out as much.
-        late = Signal(range((1 << LENGTH_BITS) + Quadrature.latency(0)))
-        then = Signal(48)
+        # The time at which the pins were what is seen now: less than the time by the latency, which may change.
+        late, late_before = (
+            Signal(range((1 << LENGTH_BITS) + Quadrature.latency(0)), name=n) for n in ("late", "before")
+        )
+        step = Signal(signed(len(late) + 1), init=1)
+        then = Signal(48, init=-Quadrature.latency(1) & (1 << 48) - 1)
         m.d.sync += [
-            self.time.eq(self.time + 1),
-            late.eq(Mux(length == 0, 1, length) + (Quadrature.latency(1) - 2)),
-            then.eq(self.time - late),
+            late.eq(Mux(length == 0, 0, length - 1)),
+            late_before.eq(late),
+            step.eq(late_before - late + 1),
+            then.eq(then + step),
         ]
 
         m.submodules.barrier = index = Index()
@@ -203,13 +214,13 @@ class Motion(wiring.Component):
             m.d.sync += self.encoder_fault.eq(fault_now)
 
         m.submodules.milliseconds = milliseconds = Milliseconds()
-        m.submodules.motor = motor = MotorControl()
+        m.submodules.motor = motor = MotorControl(speed_loop=self.features.speed_loop)
         m.submodules.enable = enable = Interlock()
         m.d.comb += [
             motor.settings.eq(self.settings),
             motor.clock_hz.eq(self.clock_hz),
             motor.tick.eq(milliseconds.tick),
-            motor.time.eq(self.time),
+            motor.time.eq(then),
             motor.alive.eq(enable.state.alive),
             self.pwm.eq(motor.pwm),
             self.direction.eq(motor.direction),

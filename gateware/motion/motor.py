@@ -108,7 +108,7 @@ class MotorControl(wiring.Component):
     A :class:`Sequencer` works out, every millisecond, the speed from the edges (:class:`SpeedMeter`), the speed wanted
     (:class:`Profile`), the duty (:class:`SpeedLoop`) and whether something is wrong (:class:`MotorWatch`); and at each
     edge, whether the angle is in the sector (:class:`Sector`). All see the state in one clock, that of ``sampled``. A
-    millisecond takes less than 1900 clocks, an edge less than 120; ticks and edges that come meanwhile are seen
+    millisecond takes less than 1900 clocks, an edge less than 130; ticks and edges that come meanwhile are seen
     together, after it. A fault takes two clocks from when it is found to stop the PWM: the bridge brakes until the mode
     is written ``OFF``.
 
@@ -203,7 +203,7 @@ class MotorControl(wiring.Component):
         ]
         m.d.sync += [ticked.eq((ticked & ~self.sampled) | self.tick), moved.eq((moved & ~self.sampled) | self.edge)]
         with m.If(self.sampled & ticked):
-            m.d.sync += [*(been[name].eq(0) for name in events), illegals.eq(self.illegal)]
+            m.d.sync += [*(been[name].eq(event) for name, event in events.items()), illegals.eq(self.illegal)]
         with m.Else():
             m.d.sync += [been[name].eq(been[name] | event) for name, event in events.items()]
             with m.If(self.illegal & ~illegals.all()):
@@ -227,7 +227,7 @@ class MotorControl(wiring.Component):
                 m.d.sync += sample[name].eq(getattr(self, name))
             m.d.sync += [
                 sample.illegals.eq(illegals),
-                sample.difference.eq(Mux(self.wrong & ~intolerable, self.difference, difference)),
+                sample.difference.eq(difference),
                 flags.tick.eq(ticked),
                 flags.closed.eq(closed),
                 flags.speed_mode.eq(mode == MotorMode.SPEED),
@@ -236,7 +236,7 @@ class MotorControl(wiring.Component):
                 flags.driven.eq(driven),
                 *(flags[name].eq(getattr(self, name)) for name in ("backward", "seen", "alive")),
                 *(flags[f"watch_{name}"].eq(Faults(settings.motor_watch)[name]) for name in FAULTS),
-                *(flags[name].eq(been[name] | event) for name, event in events.items()),
+                *(flags[name].eq(been[name]) for name in events),
             ]
 
         # Results. What the mode has overtaken is void.

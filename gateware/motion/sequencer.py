@@ -3,37 +3,59 @@
 from collections.abc import Mapping
 
 from amaranth.hdl import Cat, Const, Module, Mux, ShapeLike, Signal, signed
-from amaranth.lib import data, enum, stream, wiring
-from amaranth.lib.memory import Memory
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from .assembly import ADDRESS_BITS, LOW_BITS, VARIABLES, WORD_BITS, Program
-from .assembly import Op as _Op
+from ..memory import BlockRam
+from .assembly import ADDRESS_BITS, LOW_BITS, VARIABLES, WORD_BITS, Op, Program
 
 
-class Op(enum.Enum, shape=4):
-    """As :class:`gateware.motion.assembly.Op`."""
+class Controls(data.Struct):
+    """What an instruction does, a bit for each: an ``Op`` in the program's memory needs no decoding.
 
-    LOAD = _Op.LOAD
-    LOAD_NEGATIVE = _Op.LOAD_NEGATIVE
-    ADD = _Op.ADD
-    SUBTRACT = _Op.SUBTRACT
-    MULTIPLY = _Op.MULTIPLY
-    DIVIDE = _Op.DIVIDE
-    WRAP = _Op.WRAP
-    STORE = _Op.STORE
-    TO_LOW = _Op.TO_LOW
-    OUTPUT = _Op.OUTPUT
-    JUMP = _Op.JUMP
-    WAIT = _Op.WAIT
+    load, negative, multiply, divide, wrap : of the :class:`Adder`
+    arithmetic : the accumulator changes
+    low, store, output, jump, wait : as their instructions
+    """
 
+    load: 1
+    negative: 1
+    multiply: 1
+    divide: 1
+    wrap: 1
+    arithmetic: 1
+    low: 1
+    store: 1
+    output: 1
+    jump: 1
+    wait: 1
+
+
+CONTROLS = {
+    Op.LOAD: ("arithmetic", "load"),
+    Op.LOAD_NEGATIVE: ("arithmetic", "load", "negative"),
+    Op.ADD: ("arithmetic",),
+    Op.SUBTRACT: ("arithmetic", "negative"),
+    Op.MULTIPLY: ("arithmetic", "multiply", "low"),
+    Op.DIVIDE: ("arithmetic", "divide", "negative", "low"),
+    Op.WRAP: ("arithmetic", "wrap"),
+    Op.TO_LOW: ("low",),
+    Op.STORE: ("store",),
+    Op.OUTPUT: ("output",),
+    Op.JUMP: ("jump",),
+    Op.WAIT: ("wait",),
+}
 
 CODE = data.StructLayout(
-    {"op": Op, "address": ADDRESS_BITS, "source": 4, "flag": 5, "unless": 1, "steps": 5, "port": 4}
+    {"controls": Controls, "address": ADDRESS_BITS, "source": 4, "condition": 5, "unless": 1, "steps": 5}
 )
-"""An instruction in memory, in its low bits. ``address`` is that of a variable, a constant or a place to go to."""
+"""An instruction in memory. ``address`` is that of a variable, a constant or a place to go to; ``condition`` a flag's
+number, or an output's."""
 
-INIT = {"op": Op.JUMP, "address": VARIABLES, "flag": 0}
+
+def controls(op: Op) -> dict[str, int]:
+    """The bits of :class:`Controls` for an instruction."""
+    return dict.fromkeys(CONTROLS[op], 1)
 
 
 class Variable(data.Struct):
@@ -50,37 +72,32 @@ class Adder(wiring.Component):
 
     Members
     -------
-    op : one of those that change the accumulator, or ``TO_LOW``
+    controls : of the instruction
     a, low : accumulator and L
-    b : the operand; inverted if ``negative``
-    negative : the operand is subtracted
+    b : the operand; inverted if it is subtracted
     result, next_low : after one step
     """
 
-    op: In(Op)
+    controls: In(Controls)
     a: In(signed(WORD_BITS))
     b: In(signed(WORD_BITS))
     low: In(LOW_BITS)
-    negative: Out(1)
     result: Out(signed(WORD_BITS))
     next_low: Out(LOW_BITS)
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        op, a, low = self.op, self.a, self.low
+        controls, a, low = self.controls, self.a, self.low
         x, total, chosen = Signal(signed(WORD_BITS)), Signal(signed(WORD_BITS)), Signal(signed(WORD_BITS))
-        multiplies, divides = op == Op.MULTIPLY, op == Op.DIVIDE
-        loads = (op == Op.LOAD) | (op == Op.LOAD_NEGATIVE)
-        top = Mux(op == Op.WRAP, a[31].replicate(WORD_BITS - 32), a[32:])
+        top = Mux(controls.wrap, a[31].replicate(WORD_BITS - 32), a[32:])
         taken = Signal()
         m.d.comb += [
-            self.negative.eq((op == Op.LOAD_NEGATIVE) | (op == Op.SUBTRACT) | divides),
-            x.eq(Mux(loads, 0, Mux(divides, Cat(low[-1], a), Cat(a[:32], top)))),
-            total.eq((Cat(self.negative, x) + Cat(self.negative, self.b))[1:]),
-            taken.eq(Mux(multiplies, low[0], ~divides | ~total[-1])),
+            x.eq(Mux(controls.load, 0, Mux(controls.divide, Cat(low[-1], a), Cat(a[:32], top)))),
+            total.eq((Cat(controls.negative, x) + Cat(controls.negative, self.b))[1:]),
+            taken.eq(Mux(controls.multiply, low[0], ~(controls.divide & total[-1]))),
             chosen.eq(Mux(taken, total, x)),
-            self.result.eq(Mux(multiplies, chosen >> 1, chosen)),
-            self.next_low.eq(Mux(multiplies, Cat(low[1:], chosen[0]), Mux(divides, Cat(taken, low), a))),
+            self.result.eq(Mux(controls.multiply, chosen >> 1, chosen)),
+            self.next_low.eq(Mux(controls.multiply, Cat(low[1:], chosen[0]), Mux(controls.divide, Cat(taken, low), a))),
         ]
         return m
 
@@ -100,7 +117,8 @@ class Sequencer(wiring.Component):
     ``WAIT``. The memory never reads where it writes in the same clock, but for the operand of a ``STORE``, which
     nothing takes.
 
-    Variables can be written from outside, with a wait of at most two clocks, from the first ``WAIT`` on.
+    Variables can be written from outside, with a wait of a clock, from the first ``WAIT`` on; never while an operand
+    is read.
 
     Parameters
     ----------
@@ -119,7 +137,7 @@ class Sequencer(wiring.Component):
 
     def __init__(self, program: Program, inputs: Mapping[str, ShapeLike]) -> None:
         self.program = program
-        assert program.inputs == ("memory", "low", *inputs), "shapes for all inputs of the program, in its order"
+        assert program.inputs == ("memory", *inputs), "shapes for all inputs of the program, in its order"
         super().__init__(
             {
                 "event": In(1),
@@ -135,53 +153,56 @@ class Sequencer(wiring.Component):
 
     def image(self) -> list[int]:
         """What the memory holds at first."""
-        words = [
-            word["constant"] & (1 << WORD_BITS) - 1 if "constant" in word else CODE.const(word).as_value().value
-            for word in self.program.assemble()
-        ]
+        words = []
+        for word in self.program.assemble():
+            if "constant" in word:
+                words.append(word["constant"] & (1 << WORD_BITS) - 1)
+            else:
+                op = Op(word.pop("op"))
+                words.append(CODE.const(word | {"controls": controls(op)}).as_value().value)
         return [0] * VARIABLES + words
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
         image = self.image()
         width = max(WORD_BITS, CODE.size)
-        m.submodules.memory = memory = Memory(shape=width, depth=1 << ADDRESS_BITS, init=image)
-        read, write = memory.read_port(), memory.write_port()
+        m.submodules.memory = memory = BlockRam(width, 1 << ADDRESS_BITS, image)
+        read, write = memory.read, memory.write
 
-        code = Signal(CODE, init=INIT)
+        code = Signal(CODE, init={"controls": controls(Op.JUMP), "address": VARIABLES})
         next_place, place = Signal(ADDRESS_BITS), Signal(ADDRESS_BITS)
         left = Signal(5)
         started = Signal()
         a, low, b = self.value, Signal(LOW_BITS, reset_less=True), Signal(signed(WORD_BITS), reset_less=True)
         outside, word = Signal(signed(WORD_BITS), reset_less=True), Signal(signed(WORD_BITS))
         shape = dict(self.inputs.shape().members)
-        values = [Const(0), low, *(self.inputs[name] for name in shape)]
+        values = [Const(0), *(self.inputs[name] for name in shape)]
 
         m.submodules.adder = adder = Adder()
-        op = code.op
+        does = code.controls
         m.d.comb += [
-            adder.op.eq(op),
+            adder.controls.eq(does),
             adder.a.eq(a),
             adder.b.eq(b),
             adder.low.eq(low),
-            word.eq(Mux(code.source == 0, read.data, outside) ^ adder.negative.replicate(WORD_BITS)),
+            word.eq(Mux(code.source == 0, read.data, outside) ^ does.negative.replicate(WORD_BITS)),
         ]
 
         flags = Cat(1, a[-1], self.flags)
         goes = Signal()
-        m.d.comb += goes.eq((op == Op.JUMP) & (flags.bit_select(code.flag, 1) ^ code.unless))
+        m.d.comb += goes.eq(does.jump & (flags.bit_select(code.condition, 1) ^ code.unless))
 
-        stores = Signal()
+        reads, stores = Signal(), Signal()  # an operand; a variable
         m.d.comb += [
             read.en.eq(0),
-            self.write.ready.eq(started & ~stores),
-            write.en.eq(stores | (self.write.valid & started)),
-            write.data.eq(Mux(stores, a, self.write.payload.value)),
-            write.addr.eq(Mux(stores, code.address[: (VARIABLES - 1).bit_length()], self.write.payload.address)),
+            self.write.ready.eq(started & ~reads),
+            write.en.eq(stores | (self.write.valid & self.write.ready)),
+            write.data.eq(Mux(reads, a, self.write.payload.value)),
+            write.addr.eq(Mux(reads, code.address[: (VARIABLES - 1).bit_length()], self.write.payload.address)),
         ]
         with m.FSM():
             with m.State("Operand"):
-                m.d.comb += [read.en.eq(1), read.addr.eq(code.address), stores.eq(op == Op.STORE)]
+                m.d.comb += [read.en.eq(1), read.addr.eq(code.address), reads.eq(1), stores.eq(does.store)]
                 with m.Switch(code.source):
                     for number, value in enumerate(values):
                         if number:
@@ -193,7 +214,7 @@ class Sequencer(wiring.Component):
                 m.d.comb += [
                     next_place.eq(Mux(goes, code.address, place)),
                     read.addr.eq(next_place),
-                    self.waiting.eq(op == Op.WAIT),
+                    self.waiting.eq(does.wait),
                 ]
                 m.d.sync += [b.eq(word), left.eq(code.steps)]
                 with m.If(~self.waiting | self.event):
@@ -206,12 +227,14 @@ class Sequencer(wiring.Component):
                     m.d.sync += code.eq(read.data)
                     m.next = "Operand"
                 m.d.sync += left.eq(left - 1)
-                with m.If(~op.as_value()[3]):
+                with m.If(does.arithmetic):
                     m.d.sync += a.eq(adder.result)
-                with m.If((op == Op.MULTIPLY) | (op == Op.DIVIDE) | (op == Op.TO_LOW)):
+                with m.If(does.low):
                     m.d.sync += low.eq(adder.next_low)
-                with m.If(op == Op.OUTPUT):
-                    m.d.comb += self.output.eq(1 << code.port)
+                with m.If(does.output):
+                    m.d.comb += self.output.eq(
+                        1 << code.condition[: max(len(self.program.outputs) - 1, 1).bit_length()]
+                    )
 
         with m.If(self.waiting):
             m.d.sync += started.eq(1)

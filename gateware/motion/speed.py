@@ -123,7 +123,7 @@ class SpeedMeter:
         with p.when("negative"):  # or else the quotient has more than 32 bits
             p.load("scratch")
             p.divide("interval", 32)
-            p.load("low")
+            p.load_low()
             p.at_most(GREATEST, "scratch")
         with p.otherwise():
             p.load(GREATEST)

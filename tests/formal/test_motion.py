@@ -10,11 +10,11 @@ from amaranth.lib.wiring import In
 
 from gateware.frame.alternation import Alternation
 from gateware.motion.angle import AngleLatch
-from gateware.motion.assembly import LOW_BITS, WORD_BITS
+from gateware.motion.assembly import LOW_BITS, WORD_BITS, Op
 from gateware.motion.interlock import SYNCHRONISER_STAGES, Interlock
 from gateware.motion.pwm import SHORTEST_PERIOD, Pwm
 from gateware.motion.quadrature import UNKNOWN, Quadrature
-from gateware.motion.sequencer import Adder, Op
+from gateware.motion.sequencer import Adder, Controls, controls
 from magtrak.protocol import LASER_KEY, AmbientMode, Phase
 from tests.support.formal import ProofError, past, prove
 
@@ -306,7 +306,7 @@ class ArithmeticIsExact(wiring.Component):
     and quotient, step by step.
     """
 
-    op: In(Op)
+    controls: In(Controls)
     a: In(signed(WORD_BITS))
     b: In(signed(WORD_BITS))
     low: In(LOW_BITS)
@@ -316,11 +316,15 @@ class ArithmeticIsExact(wiring.Component):
         m.submodules.dut = dut = Adder()
         a, b, low, result, next_low = self.a, self.b, self.low, dut.result, dut.next_low
         m.d.comb += [
-            *(getattr(dut, name).eq(getattr(self, name)) for name in ("op", "a", "low")),
-            dut.b.eq(Mux(dut.negative, ~b, b)),
+            *(getattr(dut, name).eq(getattr(self, name)) for name in ("controls", "a", "low")),
+            dut.b.eq(Mux(self.controls.negative, ~b, b)),
         ]
         both, after = Signal(signed(WORD_BITS + LOW_BITS)), Signal(signed(WORD_BITS + LOW_BITS))
         m.d.comb += [both.eq(Cat(low, a)), after.eq(Cat(next_low, result))]
+
+        def does(op):
+            return self.controls.as_value() == Controls.const(controls(op)).as_value()
+
         bound = 1 << WORD_BITS - 1
         added = a + b
         for op, value in (
@@ -329,16 +333,16 @@ class ArithmeticIsExact(wiring.Component):
             (Op.ADD, added),
             (Op.SUBTRACT, a - b),
         ):
-            with m.If((self.op == op) & (value < bound) & (value >= -bound)):
+            with m.If(does(op) & (value < bound) & (value >= -bound)):
                 m.d.comb += Assert(result == value)
-        with m.If(self.op == Op.WRAP):
+        with m.If(does(Op.WRAP)):
             m.d.comb += Assume(b == 0)  # as the sequencer has it
             m.d.comb += Assert(result == a[:32].as_signed())
-        with m.If(self.op == Op.TO_LOW):
+        with m.If(does(Op.TO_LOW)):
             m.d.comb += Assert(next_low == a[:32])
-        with m.If((self.op == Op.MULTIPLY) & (added < bound) & (added >= -bound)):
+        with m.If(does(Op.MULTIPLY) & (added < bound) & (added >= -bound)):
             m.d.comb += Assert(after == (both + (Mux(low[0], b, 0) << LOW_BITS)) >> 1)
-        with m.If((self.op == Op.DIVIDE) & (a >= 0) & (a < bound >> 1) & (b >= 0)):
+        with m.If(does(Op.DIVIDE) & (a >= 0) & (a < bound >> 1) & (b >= 0)):
             rest = (both << 1) - (b << LOW_BITS)
             m.d.comb += Assert(after == Mux(rest >= 0, rest + 1, both << 1))
         return m

@@ -81,7 +81,9 @@ def begin(p):
 
 
 def end(p):
-    for name in ("low", "x", "y", "z"):
+    p.load_low()
+    p.output("out")
+    for name in ("x", "y", "z"):
         p.load(name)
         p.output("out")
     p.wait()
@@ -102,9 +104,9 @@ def test_each_instruction_by_hand():
         p.wrap,
         lambda: p.multiply(0, 4),
         lambda: (p.load(1000), p.to_low(), p.load(0), p.multiply("two", 24)),
-        lambda: p.load("low"),
+        p.load_low,
         lambda: (p.load(1000), p.to_low(), p.load(0), p.divide(7, 32)),
-        lambda: p.load("low"),
+        p.load_low,
     ):
         step()
         p.output("other")
@@ -150,7 +152,6 @@ def test_random_programs(seed):
         "z",
         "one",
         "two",
-        "low",
         *edge,
         *(rng.getrandbits(31) >> rng.randrange(31) for _ in range(6)),
     ]

@@ -26,7 +26,7 @@ def trace(dut: wiring.Component, stimulus: Iterable[Mapping[str, int]], outputs:
         signal, *fields = name.split(".")
         value = getattr(dut, signal)
         for field in fields:
-            value = value[field]
+            value = getattr(value, field)
         return value.as_value() if isinstance(value, data.View) else value
 
     stimulus = list(stimulus)
