@@ -1,0 +1,55 @@
+"""Bytes of packets that wait for the link."""
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ..layouts import Packet, Packets
+from ..memory import BlockRam
+
+
+class PacketFifo(wiring.Component):
+    """A queue of bytes in block RAM, first in, first out.
+
+    Throughput: a byte a clock. Latency 2 clocks when empty.
+
+    Parameters
+    ----------
+    depth : bytes that it holds, a power of two
+
+    Members
+    -------
+    i, o : bytes of packets
+
+    Raises
+    ------
+    ValueError
+        ``depth`` is no power of two.
+    """
+
+    i: In(Packets)
+    o: Out(Packets)
+
+    def __init__(self, depth: int) -> None:
+        if depth < 2 or depth & (depth - 1):
+            raise ValueError(f"depth is {depth}; a power of two is needed, at least 2")
+        self.depth = depth
+        super().__init__()
+
+    def elaborate(self, platform):
+        m = Module()
+        # Where one is read another is written: at equal addresses it is empty, and nothing is read.
+        m.submodules.memory = memory = BlockRam(Packet, self.depth)
+        to, from_ = Signal(range(self.depth)), Signal(range(self.depth))
+        takes, gives = Signal(), Signal()
+        m.d.comb += [
+            self.i.ready.eq((to + 1)[: len(to)] != from_),
+            takes.eq(self.i.valid & self.i.ready),
+            gives.eq((to != from_) & (~self.o.valid | self.o.ready)),
+            *(memory.write.addr.eq(to), memory.write.data.eq(self.i.payload), memory.write.en.eq(takes)),
+            *(memory.read.addr.eq(from_), memory.read.en.eq(gives), self.o.payload.eq(memory.read.data)),
+        ]
+        m.d.sync += [to.eq(to + takes), from_.eq(from_ + gives)]
+        with m.If(gives | self.o.ready):
+            m.d.sync += self.o.valid.eq(gives)
+        return m
