@@ -64,6 +64,16 @@ are slow on an ECP5. `tests/gateware/test_synthesis.py` proves it of the netlist
 Yosys puts one LUT: it returns the old word where a write meets the read.
 """
 
+FRAMES = """## Frames, registers and link
+
+Memories are `BlockRam`: no logic looks for a word that is read while it is written, and every user says why that does
+not matter. Wide choices go by one bit each from registers (`gateware/select.py`), two thirds of a LUT for each bit.
+`synth_ecp5 -nowidelut` makes fewer cells of multiplexers: PFUMX and L6MUX are free, but Yosys spends four LUTs on each
+function of six inputs.
+
+What a register takes stands in a ROM, and what was written is read back from a memory, a block RAM each on an ECP5.
+"""
+
 
 def line(name: str, make: Callable[[], wiring.Component]) -> str:
     cells = [f"`{name}`"]
@@ -85,7 +95,9 @@ def main() -> None:
     for name, make in BLOCKS:
         lines.append(line(name, make))
         print(lines[-1], flush=True)
-        PAGE.write_text("\n".join([*lines, "", PIXEL_PATH]))  # what is there so far: the whole takes half an hour
+        PAGE.write_text(
+            "\n".join([*lines, "", PIXEL_PATH, FRAMES])
+        )  # what is there so far: the whole takes half an hour
 
 
 if __name__ == "__main__":
