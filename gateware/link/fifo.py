@@ -11,7 +11,7 @@ from ..memory import BlockRam
 class PacketFifo(wiring.Component):
     """A queue of bytes in block RAM, first in, first out.
 
-    Throughput: a byte a clock. Latency 2 clocks when empty.
+    Throughput: a byte a clock. Latency 3 clocks when empty: a block RAM's output goes to a register first.
 
     Parameters
     ----------
@@ -42,14 +42,20 @@ class PacketFifo(wiring.Component):
         m.submodules.memory = memory = BlockRam(Packet, self.depth)
         to, from_ = Signal(range(self.depth)), Signal(range(self.depth))
         takes, gives = Signal(), Signal()
+        fetched, moves = Signal(), Signal()  # a byte is at the memory's output; it goes on
         m.d.comb += [
             self.i.ready.eq((to + 1)[: len(to)] != from_),
             takes.eq(self.i.valid & self.i.ready),
-            gives.eq((to != from_) & (~self.o.valid | self.o.ready)),
+            moves.eq(fetched & (~self.o.valid | self.o.ready)),
+            gives.eq((to != from_) & (~fetched | moves)),
             *(memory.write.addr.eq(to), memory.write.data.eq(self.i.payload), memory.write.en.eq(takes)),
-            *(memory.read.addr.eq(from_), memory.read.en.eq(gives), self.o.payload.eq(memory.read.data)),
+            *(memory.read.addr.eq(from_), memory.read.en.eq(gives)),
         ]
         m.d.sync += [to.eq(to + takes), from_.eq(from_ + gives)]
-        with m.If(gives | self.o.ready):
-            m.d.sync += self.o.valid.eq(gives)
+        with m.If(gives | moves):
+            m.d.sync += fetched.eq(gives)
+        with m.If(moves):
+            m.d.sync += self.o.payload.eq(memory.read.data)
+        with m.If(moves | self.o.ready):
+            m.d.sync += self.o.valid.eq(moves)
         return m

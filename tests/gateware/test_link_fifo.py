@@ -38,7 +38,7 @@ def test_bytes_come_out_in_order(fill, drain):
     simulate(dut, testbench, clocks=10_000)
     assert got == sent
     if drain < fill:
-        assert most[0] == DEPTH  # one in the output's register, all but one in the memory
+        assert most[0] == DEPTH + 1  # two on their way out, all but one in the memory
 
 
 def test_a_depth_that_is_no_power_of_two_is_refused():
