@@ -72,6 +72,16 @@ RAM. `Weight` reaches 245 MHz, `Monitor` 212, `Choose` 167.
 Each carry chain takes four cells beside its bits, so that few long ones are less than many short ones.
 """
 
+FRAMES = """## Frames, registers and link
+
+Memories are `BlockRam`: no logic looks for a word that is read while it is written, and every user says why that does
+not matter. Wide choices go by one bit each from registers (`gateware/select.py`), two thirds of a LUT for each bit.
+`synth_ecp5 -nowidelut` makes fewer cells of multiplexers: PFUMX and L6MUX are free, but Yosys spends four LUTs on each
+function of six inputs.
+
+What a register takes stands in a ROM, and what was written is read back from a memory, a block RAM each on an ECP5.
+"""
+
 
 def line(name: str, make: Callable[[], wiring.Component]) -> str:
     cells = [f"`{name}`"]
@@ -93,7 +103,9 @@ def main() -> None:
     for name, make in BLOCKS:
         lines.append(line(name, make))
         print(lines[-1], flush=True)
-        PAGE.write_text("\n".join([*lines, "", PIXEL_PATH]))  # what is there so far: the whole takes half an hour
+        PAGE.write_text(
+            "\n".join([*lines, "", PIXEL_PATH, FRAMES])
+        )  # what is there so far: the whole takes half an hour
 
 
 if __name__ == "__main__":

@@ -77,7 +77,6 @@ class Core(wiring.Component):
         m.submodules.motion = motion = Motion(self.features)
         m.submodules.buffer = buffer = FrameBuffer(features.max_rows)
         m.submodules.assembler = assembler = FrameAssembler(features.max_rows)
-        m.submodules.snapshot = snapshot = Snapshot()
         m.submodules.registers = registers = RegisterFile(features)
         m.submodules.link = link = Link()
 
@@ -90,14 +89,17 @@ class Core(wiring.Component):
         connect(m, link.tx, flipped(self.tx))
 
         # Pictures for people.
-        connect(m, vision.raw, snapshot.raw)
-        connect(m, vision.measured, snapshot.measured)
-        connect(m, snapshot.o, link.snapshot)
-        m.d.comb += [
-            snapshot.settings.eq(registers.now),
-            snapshot.frame.eq(buffer.number),
-            snapshot.generation.eq(registers.generation),
-        ]
+        if features.snapshot:
+            m.submodules.snapshot = snapshot = Snapshot()
+            connect(m, vision.raw, snapshot.raw)
+            connect(m, vision.measured, snapshot.measured)
+            connect(m, snapshot.o, link.snapshot)
+            m.d.comb += [
+                snapshot.settings.eq(registers.now),
+                snapshot.frame.eq(buffer.number),
+                snapshot.generation.eq(registers.generation),
+                registers.status.snapshot_busy.eq(snapshot.busy),
+            ]
 
         # Commands to settings, and their answers.
         connect(m, flipped(self.rx), link.rx)
@@ -171,7 +173,6 @@ class Core(wiring.Component):
             status.link_baud.eq(self.link_baud),
             status.line_errors.eq(self.line_errors),
             status.commands.eq(link.count),
-            status.snapshot_busy.eq(snapshot.busy),
             status.frames.eq(buffer.frames),
             status.dropped.eq(buffer.dropped),
             status.damaged_commands.eq(link.damaged),

@@ -2,7 +2,6 @@
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, enum, stream, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from magtrak import reference
@@ -10,6 +9,7 @@ from magtrak.protocol import SNAPSHOT, SNAPSHOT_PIXELS, SnapshotSource
 
 from ..camera.monitor import CheckedPixel
 from ..layouts import NowSettings, Packets, struct
+from ..memory import BlockRam
 from ..vision.pixels import MeasuredPixel
 
 SLOTS = 8
@@ -69,13 +69,14 @@ class Snapshot(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.memory = memory = Memory(shape=8 * _WORD_BYTES, depth=SLOTS * SLOT_WORDS, init=[])
+        # A slot that is being written may be read too, but nothing comes of that: it waits to be complete.
+        m.submodules.memory = memory = BlockRam(8 * _WORD_BYTES, SLOTS * SLOT_WORDS)
         stored, sent = Signal(), Signal()
         filled = Signal(range(SLOTS + 1))
         free = Signal()  # a clock late: between two pieces there are more
         m.d.sync += [filled.eq(filled + stored - sent), free.eq(filled != SLOTS)]
-        self._take(m, memory.write_port(), free, stored)
-        self._send(m, memory.read_port(), filled != 0, sent)
+        self._take(m, memory.write, free, stored)
+        self._send(m, memory.read, filled != 0, sent)
         return m
 
     def _take(self, m, write, free, stored):

@@ -8,12 +8,12 @@ byte for byte.
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol.cobs import BLOCK
 
 from ..layouts import Bytes, Packets
+from ..memory import BlockRam
 
 
 class CobsEncoder(wiring.Component):
@@ -53,9 +53,9 @@ class CobsEncoder(wiring.Component):
         full = Signal(2)
 
         bits = self.block.bit_length()  # of an address within a bank; address 0 is not used
-        m.submodules.memory = memory = Memory(shape=8, depth=2 << bits, init=[])
-        write = memory.write_port()
-        read = memory.read_port()
+        # A bank that is being written is also read, but nothing comes of that: it is not full.
+        m.submodules.memory = memory = BlockRam(8, 2 << bits)
+        write, read = memory.write, memory.read
 
         # Collect.
         bank = Signal()

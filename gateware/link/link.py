@@ -2,26 +2,26 @@
 
 from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring
-from amaranth.lib.fifo import SyncFIFOBuffered
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from magtrak.protocol import PacketType
+from magtrak.protocol import ANSWER, PacketType
 
 from ..layouts import Bytes, Packets
 from .cobs import CobsDecoder, CobsEncoder
+from .fifo import PacketFifo
 from .gap import Gap
 from .packet import Answer, AnswerSender, Command, PacketReceiver, PacketSender
 
 ANSWERS = 64
-"""Answers that may wait for a frame to be sent: a host may write all settings and tables at once."""
+"""For so many there is room while a frame is sent, or for more: a host may write all settings and tables at once."""
 
 
 class Link(wiring.Component):
     """Commands out of bytes; frames and answers into bytes.
 
     Answers go before frames, these before snapshots; each waits for the end of the packet that is being sent. When
-    :data:`ANSWERS` of them wait, commands wait too, and then bytes. A piece of a snapshot begins only where it fits
-    between two frames, as :class:`~gateware.link.gap.Gap` has it.
+    there is no room for more of them, commands wait too, and then bytes. A piece of a snapshot begins only where it
+    fits between two frames, as :class:`~gateware.link.gap.Gap` has it.
 
     Members
     -------
@@ -46,8 +46,8 @@ class Link(wiring.Component):
         m = Module()
         m.submodules.decoder = decoder = CobsDecoder()
         m.submodules.receiver = receiver = PacketReceiver()
-        m.submodules.answers = answers = SyncFIFOBuffered(width=Answer.size, depth=ANSWERS)
         m.submodules.answer_sender = answer_sender = AnswerSender()
+        m.submodules.answers = answers = PacketFifo(1 << (ANSWERS * ANSWER.size).bit_length())
         m.submodules.sender = sender = PacketSender([PacketType.ANSWER, PacketType.FRAME, PacketType.SNAPSHOT])
         m.submodules.encoder = encoder = CobsEncoder()
 
@@ -61,7 +61,9 @@ class Link(wiring.Component):
         connect(m, flipped(self.rx), decoder.i)
         connect(m, decoder.o, receiver.i)
         connect(m, receiver.command, flipped(self.command))
-        connect(m, answer_sender.o, sender.i[0])
+        connect(m, flipped(self.answer), answer_sender.i)
+        connect(m, answer_sender.o, answers.i)
+        connect(m, answers.o, sender.i[0])
         connect(m, flipped(self.frame), sender.i[1])
         connect(m, sender.o, encoder.i)
         connect(m, encoder.o, flipped(self.tx))
@@ -77,11 +79,5 @@ class Link(wiring.Component):
             self.intact.eq(receiver.intact),
             self.damaged.eq(receiver.damaged),
             self.count.eq(receiver.count),
-            answers.w_data.eq(self.answer.payload),
-            answers.w_en.eq(self.answer.valid),
-            self.answer.ready.eq(answers.w_rdy),
-            answer_sender.i.payload.eq(answers.r_data),
-            answer_sender.i.valid.eq(answers.r_rdy),
-            answers.r_en.eq(answer_sender.i.ready),
         ]
         return m

@@ -6,7 +6,7 @@ before it encodes.
 
 from collections.abc import Sequence
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,6 +15,7 @@ from magtrak.protocol import AnswerCode, PacketType
 from magtrak.protocol.cobs import CRC, HEADER
 
 from ..layouts import Packets, struct
+from ..select import one_of
 from .crc import Crc32
 
 Answer = struct(protocol.ANSWER)
@@ -239,6 +240,8 @@ class PacketReceiver(wiring.Component):
 class AnswerSender(wiring.Component):
     """Answers as payloads.
 
+    An answer stays at the input until its last byte is taken.
+
     Throughput: a byte a clock, and 1 clock more for each answer. Latency 1 clock.
 
     Members
@@ -252,16 +255,17 @@ class AnswerSender(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        answer = Signal(Answer.size)  # the byte that is next is the lowest
-        left = Signal(range(protocol.ANSWER.size + 1))
+        answer = Value.cast(self.i.payload)
+        hot = Signal(protocol.ANSWER.size)  # which byte is next; none between two answers
         m.d.comb += [
-            self.i.ready.eq(left == 0),
-            self.o.valid.eq(left != 0),
-            self.o.payload.data.eq(answer),
-            self.o.payload.last.eq(left == 1),
+            self.o.valid.eq(hot.any()),
+            self.o.payload.data.eq(one_of([answer.word_select(at, 8) for at in range(len(hot))], hot)),
+            self.o.payload.last.eq(hot[-1]),
+            self.i.ready.eq(hot[-1] & self.o.ready),
         ]
-        with m.If(self.i.valid & self.i.ready):
-            m.d.sync += [answer.eq(self.i.payload), left.eq(protocol.ANSWER.size)]
-        with m.Elif(self.o.valid & self.o.ready):
-            m.d.sync += [answer.eq(answer >> 8), left.eq(left - 1)]
+        with m.If(hot.any()):
+            with m.If(self.o.ready):
+                m.d.sync += hot.eq(hot << 1)
+        with m.Elif(self.i.valid):
+            m.d.sync += hot.eq(1)
         return m

@@ -30,6 +30,7 @@ from tests.support.streams import send
 
 SETTINGS = {r.name: r.init for r in protocol.REGISTERS if r.scope is Scope.FRAME and r.access is Access.BOTH}
 CLOCK_HZ = 100_000
+SMALL = Features(64, 16)
 
 
 def line_image(rows=3, columns=32, seed=0):
@@ -102,9 +103,9 @@ class Rig:
             await ctx.tick()
 
 
-def run(test, clocks=30_000):
+def run(test, clocks=30_000, features=SMALL):
     """Run ``test(rig)`` on a core after reset, whose host always reads."""
-    dut = Core(Features(64, 16))
+    dut = Core(features)
     rigs = []
 
     async def testbench(ctx):
@@ -264,6 +265,40 @@ def test_the_laser_needs_commands_that_arrive_intact():
         assert await rig.read("laser_cause") == 3
 
     run(test)
+
+
+def test_a_second_commit_leaves_the_gate_as_it_is():
+    """Tables that were not written since they came in force are not exchanged for the older ones."""
+
+    async def test(rig):
+        await open_gate(rig)
+        await rig.write("run", 1)
+        for generation, floor in ((1, 20), (2, 30), (3, 25)):
+            await rig.write("floor", floor)
+            await rig.write("commit", generation)
+            await rig.show(line_image())
+            header, rows = await rig.frame()
+            assert header["generation"] == generation
+            assert rows == expected(line_image(), SETTINGS | {"floor": floor})
+            assert rows[0]["gated"]
+
+    run(test)
+
+
+def test_the_smallest_card_measures_and_refuses_the_rest():
+    async def test(rig):
+        assert await rig.read("features") == await rig.read("background_cells") == 0
+        answer = await rig.write("snapshot", 1)
+        assert answer["code"] == AnswerCode.OUT_OF_RANGE
+        await open_gate(rig)
+        await rig.write("commit", 1)
+        await rig.write("run", 1)
+        await rig.show(line_image())
+        header, rows = await rig.frame()
+        assert header["frame"] == 0
+        assert rows == expected(line_image(), SETTINGS | {"centroid_window": 0})
+
+    run(test, features=Features(64, 16, 0, isolate=False, window=False, speed_loop=False, snapshot=False))
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(31, 16), (2049, 16), (64, 12), (64, 4096), (64, 1)])
