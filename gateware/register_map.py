@@ -31,7 +31,8 @@ def _pages() -> dict[int, tuple[int, int]]:
         size = sizes[page]
         align = 1 << (size - 1).bit_length()
         assert not scopes[page] or (not bases and size <= 1 << BANK_BIT), "settings need one page of 64 at most"
-        base = next(at for at in range(0, len(free), align) if all(free[at : at + size]))
+        base = next((at for at in range(0, len(free), align) if all(free[at : at + size])), None)
+        assert base is not None, f"no room for {size} numbers: put registers of page {page:#x} closer, or into others"
         taken = 2 << BANK_BIT if scopes[page] else size
         free[base : base + taken] = [False] * taken
         bases[page] = (base, size)

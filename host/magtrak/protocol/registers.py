@@ -413,13 +413,13 @@ REGISTERS: tuple[Register, ...] = (
     _now("sector_high", 0x0347, 32, "the sector: last count, from the zero", "counts", signed=True),
     _card("safety", 0x0348, 32, "laser_state, laser_cause, motor_state and motor_cause, 8 bits each, in one reading"),
     # Camera.
-    _card("camera_state", 0x0380, 32, "see camera state"),
-    _card("camera_setup", 0x0381, 32, "see camera set-up"),
-    _card("camera_row", 0x0382, 32, "shortest and longest row of the last image, 16 bits each, in one reading", "px"),
-    _card("camera_rows", 0x0383, 12, "rows of the last image", "px"),
-    _card("camera_rate", 0x0384, 11, "pixel clock (DVP: two clocks a pixel)", "clock_hz / 512"),
-    _now("camera_exposure", 0x0385, 16, "exposure that the camera is set to", "rows", init=200, low=1),
-    _now("camera_gain", 0x0386, 10, "gain that the camera is set to", "1/16", init=16, low=16),
+    _card("camera_state", 0x0500, 32, "see camera state"),
+    _card("camera_setup", 0x0501, 32, "see camera set-up"),
+    _card("camera_row", 0x0502, 32, "shortest and longest row of the last image, 16 bits each, in one reading", "px"),
+    _card("camera_rows", 0x0503, 12, "rows of the last image", "px"),
+    _card("camera_rate", 0x0504, 11, "pixel clock (DVP: two clocks a pixel)", "clock_hz / 512"),
+    _now("camera_exposure", 0x0505, 16, "exposure that the camera is set to", "rows", init=200, low=1),
+    _now("camera_gain", 0x0506, 10, "gain that the camera is set to", "1/16", init=16, low=16),
     # Snapshot.
     _now(
         "snapshot",
