@@ -29,7 +29,7 @@ async def test_speed(dut):
         dut.rx_data.value = byte
         await FallingEdge(dut.clk)  # the card is idle: it takes a byte a clock
     dut.rx_valid.value = 0
-    for _ in range(200):
+    for _ in range(600):  # the registers get their first values before
         await FallingEdge(dut.clk)
     assert dut.run.value == 1
     started = time.perf_counter()
