@@ -22,8 +22,8 @@ class Peak(wiring.Component):
     """Divides, and writes the record, as :func:`magtrak.reference.measure` defines it.
 
     Two serial dividers work at once, one on the position (in 1/512 px, then rounded), one on the runner-up: its ratio
-    first, then its place. A row that ends while they are at work waits, up to 10 clocks; it can only be shorter than
-    the one before, which breaks the camera's contract.
+    first, then its place. A row that ends while they are at work breaks the camera's contract: its record comes after
+    that of the one before, without a position, and with ``overflow``. (Of two such rows only the last has one.)
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ class Peak(wiring.Component):
     -------
     settings : the detector, and what cut and ambiguous depend on, are used
     end : strobe, the row is whole
-    found, chosen, other_found, other, gated : what was found in it; they have to stand until ``taken``
-    taken : strobe
+    found, chosen, other_found, other, gated : what was found in it, valid with ``end``
+    taken : strobe: the row is measured
     window_position, window_some, window_whole : of the window that was begun at ``taken``
     o : stream of :class:`~gateware.layouts.RowResult`, always ready, :attr:`latency` clocks after ``end``
     """
@@ -84,15 +84,18 @@ class Peak(wiring.Component):
         m.submodules.position = position = self._position
         m.submodules.rival = rival_divider = self._rival
 
-        waiting = Signal()
-        # Free again in time for the next row's take to find the record written.
-        busy = Signal()
-        m.d.comb += self.taken.eq((self.end | waiting) & ~busy)
-        m.d.sync += waiting.eq((self.end | waiting) & busy)
+        # A row that ends while the one before is at work is not measured: its record only says so.
+        busy, written = Signal(), Signal()
+        late, late_row = Signal(), Signal(12)
+        m.d.comb += self.taken.eq(self.end & ~busy)
         with m.If(self.taken):
             m.d.sync += busy.eq(1)
-        with m.Elif(self.o.valid):
+        with m.Elif(written):
             m.d.sync += busy.eq(0)
+        with m.If(self.end & busy):
+            m.d.sync += [late.eq(1), late_row.eq(self.gated.row)]
+        with m.Elif(~busy):
+            m.d.sync += late.eq(0)
         steps = Signal(self.latency - 1)
         m.d.sync += steps.eq(Cat(self.taken, steps))
 
@@ -237,7 +240,9 @@ class Peak(wiring.Component):
 
         # Write.
         record = self.o.p.record
-        m.d.sync += self.o.valid.eq(steps[-1])
+        m.d.sync += [written.eq(steps[-1]), self.o.valid.eq(steps[-1] | (late & ~busy))]
+        with m.If(late & ~busy):
+            m.d.sync += [self.o.p.row.eq(late_row), record.eq(0), record.overflow.eq(1)]
         with m.If(steps[-1]):
             m.d.sync += [self.o.p.row.eq(gated.row), record.eq(0), record.overflow.eq(gated.fault)]
             with m.If(valid):

@@ -21,7 +21,7 @@ from .window import Window
 
 FRAME_END_DELAY = 16
 """Clocks by which ``frame_end`` follows where a result would be: a row that broke the contract by being shorter than
-the one before may wait for the divider for up to 10."""
+the one before has its record after that one's."""
 
 
 class Vision(wiring.Component):
@@ -142,7 +142,7 @@ class Vision(wiring.Component):
         m.d.comb += [
             choose.valid.eq(runs.valid),
             choose.image_first.eq(lookahead.o.valid & column.row_first & (column.row == 0)),
-            choose.clear.eq(peak.taken),
+            choose.clear.eq(peak.end),
             runs.place.eq(choose.place),
             peak.end.eq(_strobe_delayed(m, spread.o.valid, Runs.latency + Choose.latency - Spread.latency, "row_end")),
             peak.found.eq(choose.found),

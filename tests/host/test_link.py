@@ -201,7 +201,7 @@ def test_a_killed_program_leaves_no_process_and_no_lock(terminal: tuple[int, str
     process, reader = program(name)
     assert alive(reader)
     process.send_signal(number)
-    process.communicate(timeout=5)
+    process.communicate(timeout=20)
     assert gone(reader)
     with Link(name) as link:
         os.write(master, frame_packet(Packet(1, 0, b"x")))
@@ -216,7 +216,7 @@ def test_ctrl_c_of_a_terminal_reaches_the_program_alone(terminal: tuple[int, str
     time.sleep(0.2)
     assert alive(reader)
     os.write(master, frame_packet(Packet(1, 0, b"late")))
-    out, _ = process.communicate(timeout=5)
+    out, _ = process.communicate(timeout=20)
     assert out == "interrupted b'late'\n"
     assert process.returncode == 0
     assert gone(reader)
