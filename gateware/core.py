@@ -15,6 +15,7 @@ from .layouts import Bytes, CameraStatus, Video
 from .link.link import Link
 from .motion.motion import Motion
 from .registers import RegisterFile
+from .vision.gated import GatedVision
 from .vision.vision import Vision
 
 
@@ -72,7 +73,7 @@ class Core(wiring.Component):
         m = Module()
         features = self.features
         m.submodules.admission = admission = Admission()
-        m.submodules.vision = vision = Vision(features)
+        m.submodules.vision = vision = Vision(features) if features.runs else GatedVision(features)
         m.submodules.alternation = alternation = Alternation()
         m.submodules.motion = motion = Motion(self.features)
         m.submodules.buffer = buffer = FrameBuffer(features.max_rows)
@@ -130,11 +131,11 @@ class Core(wiring.Component):
             alternation.run.eq(registers.now.run),
             alternation.frame_first.eq(admission.frame_first),
             alternation.frame_end.eq(admission.frame_end),
-            alternation.subtracted.eq(vision.subtracted),
-            vision.background.eq(alternation.background),
             motion.shutter.eq(alternation.laser),
             buffer.image.phase.eq(alternation.phase),
         ]
+        if features.runs:
+            m.d.comb += [alternation.subtracted.eq(vision.subtracted), vision.background.eq(alternation.background)]
 
         # Images are stamped with the angle.
         m.d.comb += [

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from .errors import SettingsError
-from .protocol import FEATURES, Detector, MotorMode
+from .protocol import FEATURES, Detector, MotorMode, register
 
 _NEEDS = {
     # register: what it needs, the greatest value without, what people call the setting
@@ -13,6 +13,7 @@ _NEEDS = {
     "motor_mode": ("speed_loop", int(MotorMode.DUTY), "motor.mode"),
     "snapshot": ("snapshot", 0, "a snapshot"),
     "ambient_mode": ("background", 0, "ambient.mode"),
+    "detector": ("runs", int(Detector.BINARY), "peak.detector"),
 }
 _NAMES = {
     "isolate": "filter of isolated pixels",
@@ -20,6 +21,7 @@ _NAMES = {
     "speed_loop": "speed loop",
     "snapshot": "snapshots",
     "background": "subtraction of ambient light",
+    "runs": "measurement of grey values",
 }
 _INSTEAD = {
     "isolate": "set it to 0",
@@ -27,8 +29,12 @@ _INSTEAD = {
     "speed_loop": "use duty",
     "snapshot": "use another bitstream",
     "background": "set it to off",
+    "runs": "set it to binary",
 }
 assert set(FEATURES) < set(_NAMES)
+
+FLOOR_WITHOUT_RUNS = register("floor").range[1]
+"""What the floor has to be where no grey values are measured: no mix exceeds it."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +72,18 @@ class Built:
                     raise SettingsError(
                         f"{setting} needs the {_NAMES[feature]}, which this card is built without: {_INSTEAD[feature]}"
                     )
+            if name == "floor" and words[0] != FLOOR_WITHOUT_RUNS and not self.has("runs"):
+                raise SettingsError(
+                    f"weight.floor needs the {_NAMES['runs']}, which this card is built without: leave it out"
+                )
 
     def fitted(self, values: Mapping[str, int]) -> dict[str, int]:
-        """The registers, without what would not be used and is not built: the window of another detector."""
-        if self.has("window") or values["detector"] == Detector.CENTROID:
-            return dict(values)
-        return {**values, "centroid_window": 0}
+        """The registers, without what would not be used and is not built: the window of another detector, and the floor
+        where no grey values are measured.
+        """
+        fitted = dict(values)
+        if not self.has("window") and values["detector"] != Detector.CENTROID:
+            fitted["centroid_window"] = 0
+        if not self.has("runs"):
+            fitted["floor"] = FLOOR_WITHOUT_RUNS
+        return fitted

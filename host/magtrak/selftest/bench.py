@@ -145,7 +145,7 @@ class Bench:
             one.name: one.init for one in REGISTERS if one.scope is Scope.FRAME and one.access is Access.BOTH
         }
         given = {name: (tables or {}).get(name, OPEN) for name in TABLES}
-        self.commit({**after_power_up, **values, **given})
+        self.commit({**self.card.identity.built.fitted({**after_power_up, **values}), **given})
         return self.images(lambda frames: len(frames) >= count)
 
     def images(self, enough: Callable[[list[Frame]], bool]) -> list[Frame]:

@@ -1,6 +1,6 @@
 """The registers: read, written, kept aside until they are committed, and refused."""
 
-from ..errors import RefusedError
+from ..errors import RefusedError, SettingsError
 from ..protocol import REGISTERS, Access, AnswerCode, PacketType, Scope, register
 from .bench import Bench, FailedError
 
@@ -53,6 +53,8 @@ def committing(bench: Bench) -> str:
             try:
                 card.write(entry.name, value)
                 wanted[entry.name] = value
+            except SettingsError:  # before it is sent
+                missing.add(entry.name)
             except RefusedError as error:
                 if error.code != AnswerCode.OUT_OF_RANGE:
                     raise
