@@ -54,6 +54,7 @@ and interlock each need a resistor of 10 kohm to ground, without which an open i
             runs=False,
             speed_loop=False,
             snapshot=False,
+            edge_log=False,
         ),
     )
 ]

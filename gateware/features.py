@@ -28,6 +28,8 @@ class Features:
         (background, ``isolate``, ``window``, ``snapshot``) cannot be built then.
     speed_loop : the motor's speed is controlled; without it the motor takes a duty only
     snapshot : pictures for people
+    edge_log : frames carry the encoder's edges; without it a row's angle follows from the latches at the first and the
+        last row alone, which is as exact while the speed is constant
 
     Raises
     ------
@@ -43,6 +45,7 @@ class Features:
     runs: bool = True
     speed_loop: bool = True
     snapshot: bool = True
+    edge_log: bool = True
 
     def __post_init__(self) -> None:
         if not 32 <= self.max_columns <= 2048:

@@ -52,7 +52,8 @@ class Outputs:
 def library(pattern: tuple[int, int, int] | None = None, board: str = "") -> ctypes.CDLL:
     """The compiled card; the first call on a machine compiles it, which takes a while.
 
-    ``pattern`` and ``board`` as in :func:`sim.verilator.card_verilog`; with a pattern it is compiled quickly, and slower.
+    ``pattern`` and ``board`` as in :func:`sim.verilator.card_verilog`; with a
+    pattern it is compiled quickly, and slower.
     """
     harness = Path(__file__).with_name("harness.cpp")
     return load(

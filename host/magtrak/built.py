@@ -22,6 +22,7 @@ _NAMES = {
     "snapshot": "snapshots",
     "background": "subtraction of ambient light",
     "runs": "measurement of grey values",
+    "edge_log": "log of encoder edges",
 }
 _INSTEAD = {
     "isolate": "set it to 0",
@@ -29,7 +30,7 @@ _INSTEAD = {
     "speed_loop": "use duty",
     "snapshot": "use another bitstream",
     "background": "set it to off",
-    "runs": "set it to binary",
+    "runs": "set it to binary, as the settings 'paper' have it",
 }
 assert set(FEATURES) < set(_NAMES)
 

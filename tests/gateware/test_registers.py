@@ -388,14 +388,16 @@ def test_what_is_not_built_is_out_of_range(name, without, value):
         assert await host.write(name, value) == (CODES.OUT_OF_RANGE, least)
         assert (await host.write(name, least))[0] is CODES.DONE
         _, built = await host.read("features")
-        assert built == 0x1F & ~sum(1 << n for n, feature in enumerate(protocol.FEATURES) if feature in without)
+        assert built == 0x3F & ~sum(1 << n for n, feature in enumerate(protocol.FEATURES) if feature in without)
 
     simulate(dut, testbench, clocks=2000)
 
 
 def test_without_runs_only_the_paper_s_detector_and_no_grey_values():
     """All other settings of the runs can be set: they make no difference."""
-    dut = RegisterFile(Features(background_cells=0, isolate=False, window=False, runs=False, snapshot=False))
+    dut = RegisterFile(
+        Features(background_cells=0, isolate=False, window=False, runs=False, snapshot=False, edge_log=False)
+    )
 
     async def testbench(ctx):
         host = Host(ctx, dut)
