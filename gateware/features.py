@@ -26,7 +26,8 @@ class Features:
     runs : grey values are measured; without it only the gated pixels are, as the paper does: ``detector`` has to be
         ``BINARY`` and ``floor`` 255, see :class:`~gateware.vision.gated.GatedVision`. What works on grey values
         (background, ``isolate``, ``window``, ``snapshot``) cannot be built then.
-    speed_loop : the motor's speed is controlled; without it the motor takes a duty only
+    speed_loop : the motor's speed is measured, controlled and watched; without it the motor takes a duty only, no fault
+        stops it, and ``motor_watch`` and ``laser_conditions`` have to be 0
     snapshot : pictures for people
     edge_log : frames carry the encoder's edges; without it a row's angle follows from the latches at the first and the
         last row alone, which is as exact while the speed is constant

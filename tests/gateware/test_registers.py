@@ -81,7 +81,7 @@ def test_every_register_reads_its_value_after_reset():
         "max_columns": 640,
         "max_rows": 512,
         "background_cells": 1000,
-        "features": 0xF,
+        "features": 0x3F,
     }
 
     async def test(host):
@@ -375,6 +375,8 @@ def test_reset_brings_back_what_is_read():
         ("isolate", {"isolate": False}, 1),
         ("centroid_window", {"window": False}, 1),
         ("motor_mode", {"speed_loop": False}, 2),
+        ("motor_watch", {"speed_loop": False}, 1),
+        ("laser_conditions", {"speed_loop": False}, 1),
         ("snapshot", {"snapshot": False}, 1),
     ],
 )
