@@ -178,7 +178,7 @@ class PacketReceiver(wiring.Component):
         packet = data.View(data.StructLayout({"type": 8, "sequence": 16, "command": struct(protocol.COMMAND)}), bytes_)
         damaged = Signal()
         known, right = Signal(), Signal()
-        moves, byte = Signal(), Signal(8)
+        moves = Signal()
         m.d.comb += [
             crc.data.eq(self.i.payload.data.bit_select(bit, 1)),
             known.eq((packet.type == PacketType.READ) | (packet.type == PacketType.WRITE)),
