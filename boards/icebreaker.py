@@ -55,6 +55,7 @@ and interlock each need a resistor of 10 kohm to ground, without which an open i
             speed_loop=False,
             snapshot=False,
             edge_log=False,
+            close_images=False,
         ),
     )
 ]

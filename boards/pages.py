@@ -23,6 +23,7 @@ _PARTS = {
     "edge_log": "edge log: a row's angle follows from the latches at the first and the last row of each image, as exact"
     " at constant speed",
     "snapshot": "snapshots",
+    "close_images": "images that begin within 112 clocks of the end of the one before: they are dropped, and counted",
 }
 """What a card may be built without, for people."""
 

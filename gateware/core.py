@@ -72,11 +72,11 @@ class Core(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         features = self.features
-        m.submodules.admission = admission = Admission()
+        m.submodules.admission = admission = Admission(close_images=features.close_images)
         m.submodules.vision = vision = Vision(features) if features.runs else GatedVision(features)
         m.submodules.alternation = alternation = Alternation()
         m.submodules.motion = motion = Motion(self.features)
-        m.submodules.buffer = buffer = FrameBuffer(features.max_rows)
+        m.submodules.buffer = buffer = FrameBuffer(features.max_rows, close_images=features.close_images)
         m.submodules.assembler = assembler = FrameAssembler(features.max_rows)
         m.submodules.registers = registers = RegisterFile(features)
         m.submodules.link = link = Link()

@@ -21,6 +21,12 @@ class Admission(wiring.Component):
 
     Latency one clock, from pixels to ``video`` and to the strobes alike.
 
+    Parameters
+    ----------
+    close_images : an image may begin as soon as the one before has had its strobe. Without it, one that begins sooner
+        than :data:`SHORTEST_CLOCKS` after that strobe, or before it, is refused as well, and rows after an image's end
+        have no ``row_first``: what motion latched for an image then stays so for that long.
+
     Members
     -------
     i : images from the source
@@ -41,6 +47,10 @@ class Admission(wiring.Component):
     field: Out(Field)
     refused: Out(1)
 
+    def __init__(self, *, close_images: bool = True) -> None:
+        self.close_images = close_images
+        super().__init__()
+
     def elaborate(self, platform):
         m = Module()
         pixel = self.i.pixel
@@ -53,10 +63,11 @@ class Admission(wiring.Component):
         let_in = Signal()
         passes = Signal()
         ends = Signal()
+        within = 1 if self.close_images else begins | ~over
         m.d.comb += [
             begins.eq(pixel.valid & pixel.payload.row_first & pixel.payload.frame_first),
             # In the clock of `frame_end` the next image may be on its way: it comes out a clock later.
-            let_in.eq(begins & self.run & (~open_ | (left == 0))),
+            let_in.eq(begins & self.run & ((~open_ | (left == 0)) if self.close_images else (~open_ & (left == 0)))),
             passes.eq(Mux(begins, let_in, passing)),
             ends.eq((over | begins) & open_ & (left == 0)),
             self.frame_end.eq(ends),
@@ -68,7 +79,7 @@ class Admission(wiring.Component):
             # An image that is cut off by one that does not come in must be closed for it.
             self.video.frame_end.eq((self.i.frame_end & passes) | (begins & passing & ~let_in & ~over)),
             self.frame_first.eq(let_in),
-            self.row_first.eq(pixel.valid & pixel.payload.row_first & passes),
+            self.row_first.eq(pixel.valid & pixel.payload.row_first & passes & within),
             self.refused.eq(begins & self.run & ~let_in),
         ]
         with m.If(begins):
@@ -77,6 +88,8 @@ class Admission(wiring.Component):
             m.d.sync += left.eq(left - 1)
         with m.If(ends):
             m.d.sync += open_.eq(0)
+            if not self.close_images:
+                m.d.sync += left.eq(SHORTEST_CLOCKS)
         with m.If((self.i.frame_end & passing) | begins):
             m.d.sync += over.eq(1)
         with m.If(let_in):
