@@ -41,6 +41,10 @@ class Features:
     snapshot : pictures for people
     edge_log : frames carry the encoder's edges; without it a row's angle follows from the latches at the first and the
         last row alone, which is as exact while the speed is constant
+    full_rows : rows may be sent in the full form; without it ``form`` has to be ``COMPACT``
+    turn_check : the counts of every turn are checked; without it ``counts_per_turn`` has to be 0
+    pwm_period : the PWM's period can be set; without it ``motor_period`` has to be 1024
+    notes : frames carry ``exposure_us`` and ``time_offset_ns``; without it these have to be 0
     close_images : an image may begin right after the one before; without it one that begins within 112 clocks of
         that one's end is refused, and counted as dropped
 
@@ -59,6 +63,10 @@ class Features:
     speed_loop: bool = True
     snapshot: bool = True
     edge_log: bool = True
+    full_rows: bool = True
+    turn_check: bool = True
+    pwm_period: bool = True
+    notes: bool = True
     close_images: bool = True
 
     @property

@@ -164,7 +164,9 @@ def test_images_that_are_not_close_an_image_without_end_costs_the_next():
     """It is closed by the one that begins, which is refused; rows after an end are none of the image."""
     open_end = image(3)
     open_end[-1] = {}
-    out = play([{}, *open_end, *image(3), *([{}] * SHORTEST_CLOCKS), *image(2), *image(2)[1:-1], {}], close_images=False)
+    out = play(
+        [{}, *open_end, *image(3), *([{}] * SHORTEST_CLOCKS), *image(2), *image(2)[1:-1], {}], close_images=False
+    )
     begins = clocks_of(out, "frame_first")
     assert len(begins) == 2
     assert len(clocks_of(out, "refused")) == 1
