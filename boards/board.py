@@ -38,12 +38,8 @@ SYNTHESIS = {"ecp5": "-nowidelut", "ice40": "-dsp -device u"}
 BEFORE_SYNTHESIS = {"ecp5": "", "ice40": "setattr -unset init a:before_reading"}
 """What Yosys does first: see :class:`gateware.memory.BlockRam`."""
 
-PLACEMENT = {
-    family: f"--report report.json --seed 1 --timing-allow-fail{more}"
-    for family, more in {"ecp5": "", "ice40": " --placer sa"}.items()
-}
-"""Options of nextpnr; that timing is met is checked afterwards, in the report. The default placer finds no place for
-the last cells of an iCE40."""
+PLACEMENT = "--report report.json --seed 1 --timing-allow-fail"
+"""Options of nextpnr; that timing is met is checked afterwards, in the report."""
 
 
 LINKS: dict[str, Callable[[int], Link]] = {"uart": lambda serial: uart(BAUD), "usb": usb}
@@ -148,7 +144,7 @@ class _Tools:
         ours = {
             "synth_opts": SYNTHESIS[family],
             "script_after_read": BEFORE_SYNTHESIS[family],
-            "nextpnr_opts": PLACEMENT[family],
+            "nextpnr_opts": PLACEMENT,
             "emit_src": False,
         }
         return super().toolchain_prepare(fragment, name, **{**ours, **options})
