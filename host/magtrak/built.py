@@ -90,7 +90,7 @@ class Built:
         where no grey values are measured, the check of every turn, the PWM's period, the exposure that frames tell.
         """
         fitted = dict(values)
-        if not self.has("window") and values["detector"] != Detector.CENTROID:
+        if "centroid_window" in values and not self.has("window") and values["detector"] != Detector.CENTROID:
             fitted["centroid_window"] = 0
         for name, (feature, value, _) in _FIXED.items():
             if name in fitted and name != "time_offset_ns" and not self.has(feature):

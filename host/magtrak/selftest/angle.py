@@ -25,7 +25,8 @@ def loop_back(bench: Bench) -> str:
             "not wired; take the motor off, wire PWM to encoder A, direction to B, brake to index, say --loop-back"
         )
     quiet = {"motor_period": PERIOD, "motor_bridge": 0, "motor_watch": 0, "encoder_filter": 3, "encoder_swap": 0}
-    card.write_all([(name, [value]) for name, value in {**quiet, "index_invert": 0, "index_policy": 1}.items()])
+    quiet = card.identity.built.fitted({**quiet, "index_invert": 0, "index_policy": 1})
+    card.write_all([(name, [value]) for name, value in quiet.items()])
     try:
         card.write_all([("motor_duty", [_FULL]), ("motor_mode", [MotorMode.DUTY])])
         _settle(bench)
