@@ -94,7 +94,7 @@ class FakeCard:
 
     def join(self) -> None:
         """Wait until it has closed the port by itself."""
-        self._thread.join(timeout=20)
+        self._thread.join(timeout=60)
         assert not self._thread.is_alive()
 
     def __enter__(self) -> "FakeCard":
@@ -105,7 +105,7 @@ class FakeCard:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._stop.set()
-        self._thread.join(timeout=5)
+        self._thread.join(timeout=60)
         assert not self._thread.is_alive()
 
     def _reset(self) -> None:
