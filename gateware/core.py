@@ -154,7 +154,7 @@ class Core(wiring.Component):
             buffer.moving.eq(link.tx.valid & link.tx.ready),
             buffer.image.field.eq(admission.field),
             buffer.start.generation.eq(registers.generation),
-            buffer.image.form.eq(registers.now.form),
+            buffer.form.eq(registers.now.form),
             buffer.image.laser_on.eq(motion.laser_on_whole_frame),
             buffer.image.speed_in_band.eq(motion.speed_in_band_whole_frame),
             buffer.image.motor_stopped.eq(motion.motor_state.stopped),

@@ -2,10 +2,19 @@
 
 from dataclasses import dataclass
 
+from magtrak.protocol import COMPACT_ROW, FULL_ROW
 from magtrak.reference.ambient import MIN_CELLS
 
 DEFAULT_CELLS = 160 * 120
 """Ten block RAMs of an ECP5; VGA in blocks of 4 x 4."""
+
+ROW_WORDS = FULL_ROW.size // COMPACT_ROW.size
+"""Rows in the compact form that take the room of one in the full form."""
+
+
+def compact_rows(max_rows: int) -> int:
+    """Rows in the compact form that fit where there is room for ``max_rows`` in the full one."""
+    return min(ROW_WORDS * max_rows, 2048)
 
 
 @dataclass(frozen=True)
@@ -18,7 +27,8 @@ class Features:
     Parameters
     ----------
     max_columns : columns that an image may have, 32 to 2048
-    max_rows : rows of an image that are stored, a power of two from 2 to 2048
+    max_rows : rows of an image that are stored in the full form, a power of two from 2 to 2048; in the compact form
+        there is room for :attr:`compact_rows`
     background_cells : blocks in which the picture of the room is kept, see
         :class:`~gateware.vision.background.Background`; 0: none is subtracted, ``ambient_mode`` has to be off
     isolate : the isolated-pixel filter, which holds a row; without it ``isolate`` has to be 0
@@ -39,6 +49,11 @@ class Features:
     window: bool = True
     speed_loop: bool = True
     snapshot: bool = True
+
+    @property
+    def compact_rows(self) -> int:
+        """Rows of an image that are stored in the compact form."""
+        return compact_rows(self.max_rows)
 
     def __post_init__(self) -> None:
         if not 32 <= self.max_columns <= 2048:

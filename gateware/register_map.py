@@ -55,6 +55,10 @@ def number(register: Register) -> int:
     return PAGES[register.address >> PAGE_BITS][0] | register.address & (1 << PAGE_BITS) - 1
 
 
+NOWHERE = next(at for at in range(1 << NUMBER_BITS) if at not in {number(r) for r in REGISTERS})
+"""A number that no register has."""
+
+
 def built(register: Register, features: Features) -> tuple[int, int, int]:
     """Least and greatest value that a card of these features takes, and the one after reset."""
     low, high = register.range

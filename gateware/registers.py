@@ -11,7 +11,7 @@ from .features import EVERYTHING, Features
 from .layouts import FrameSettings, LutWrite, NowSettings, SettingWrite
 from .link.packet import Answer, Command
 from .memory import BlockRam
-from .register_map import BANK_BIT, NUMBER_BITS, PAGE_BITS, PAGES, TABLE_BASE, TABLES, built, number
+from .register_map import BANK_BIT, NOWHERE, NUMBER_BITS, PAGE_BITS, PAGES, TABLE_BASE, TABLES, built, number
 from .select import one_of
 
 _CONSTANT = ("magic", "version", "map_hash", "max_columns", "max_rows", "background_cells", "features")
@@ -27,7 +27,7 @@ assert len(_LIVE) <= 32
 
 
 class _Low(data.Struct):
-    """About a register: the least value that it takes, or its value if it is constant; 0 where there is none."""
+    """About a register: one less than the least value that it takes; 0 where there is none."""
 
     value: 32
     readable: 1
@@ -37,16 +37,17 @@ class _Low(data.Struct):
 
 
 class _High(data.Struct):
-    """The greatest value that it takes, or if it is ``live`` a bit for what it shows.
+    """The greatest value that it takes; or its value if it is ``constant``; or if ``live`` a bit for what it shows.
 
     Limits have their top bit inverted where they are signed: then comparing without sign is right for both kinds.
+    ``from_least``: every value down to the least one is taken.
     """
 
     value: 32
     constant: 1
     live: 1
     kept: 1
-    reserved: 1
+    from_least: 1
 
 
 class RegisterFile(wiring.Component):
@@ -124,11 +125,16 @@ class RegisterFile(wiring.Component):
 
         command = Signal(Command)
         at = Signal(NUMBER_BITS)  # number of the addressed register
-        matched = Signal()  # there is such a page
-        low, high = Signal(_Low), Signal(_High)
-        biased = Signal(32)
-        inside = Signal()
-        m.d.comb += biased.eq(command.value ^ (low.signed << 31))
+        # The word about it that was read last, flags of the first one, and what it shows.
+        fetched, about = Signal(data.UnionLayout({"low": _Low, "high": _High})), Signal(4)
+        low, high = data.View(_Low, Cat(Const(0, 32), about)), fetched.high
+        live = Signal(len(_LIVE))
+        above, above_low, inside = Signal(), Signal(), Signal()
+        m.d.comb += [
+            rom.read.addr.eq(Cat(at, 1)),
+            above.eq((command.value ^ (low.signed << 31)) > fetched.high.value),
+        ]
+        m.d.sync += fetched.eq(rom.read.data)
 
         # Copies, with the word that is read a clock behind its address: of the initial values, which stand above all
         # others, or of the settings in force.
@@ -182,22 +188,19 @@ class RegisterFile(wiring.Component):
                         m.next = "Answer"
 
             with m.State("Find"):
-                self._find(m, command.address, at, matched)
+                self._find(m, command.address, at)
                 m.next = "Low"
             with m.State("Low"):
                 m.d.comb += rom.read.addr.eq(Cat(at, 0))
                 m.next = "High"
             with m.State("High"):
-                m.d.comb += rom.read.addr.eq(Cat(at, 1))
-                m.d.sync += low.eq(rom.read.data)
-                m.next = "Take"
-            with m.State("Take"):
-                m.d.sync += high.eq(rom.read.data)
-                with m.If(~matched):
-                    m.d.sync += [low.eq(0), high.eq(0)]
-                m.next = "Compare"
-            with m.State("Compare"):
-                m.d.sync += inside.eq((biased >= low.value) & (biased <= high.value))
+                m.d.sync += about.eq(rom.read.data[32:])
+                m.next = "Above"
+            with m.State("Above"):
+                m.d.sync += above_low.eq(above)
+                m.next = "Below"
+            with m.State("Below"):
+                m.d.sync += inside.eq((above_low | high.from_least) & ~above)
                 m.next = "Execute"
 
             with m.State("Execute"):
@@ -233,13 +236,16 @@ class RegisterFile(wiring.Component):
             # What was written shows in what is read.
             with m.State("Fetch"):
                 m.d.comb += [values.read.en.eq(1), values.read.addr.eq(place(at, bank))]
+                m.d.sync += live.eq(high.value)
+                with m.If(~high.live):
+                    m.d.sync += live.eq(0)
                 m.next = "Read"
             with m.State("Read"):
-                live = {"generation": self.generation, "pending": pending}
-                shown = [live[name] if name in live else self.status[name] for name in _LIVE]
+                own = {"generation": self.generation, "pending": pending}
+                shown = [own[name] if name in own else self.status[name] for name in _LIVE]
                 value = one_of(
-                    [*(_extended(one) for one in shown), low.value, values.read.data],
-                    Cat(high.value[: len(shown)] & high.live.replicate(len(shown)), high.constant, high.kept),
+                    [*(_extended(one) for one in shown), high.value, values.read.data],
+                    Cat(live, high.constant, high.kept),
                 )
                 m.d.sync += self.answer.payload.value.eq(value)
                 m.next = "Answer"
@@ -251,19 +257,20 @@ class RegisterFile(wiring.Component):
         return m
 
     @staticmethod
-    def _find(m, address, at, matched):
-        """Statements that set the number of the register at ``address``, and whether there can be one."""
-        m.d.sync += [matched.eq(0), at.eq(0)]
+    def _find(m, address, at):
+        """Statements that set the number of the register at ``address``, if there is one."""
+        m.d.sync += at.eq(NOWHERE)
         within = address[:PAGE_BITS]
         with m.Switch(address[PAGE_BITS:]):
             for page, (base, size) in PAGES.items():
                 with m.Case(page):
-                    m.d.sync += [matched.eq(within < size), at.eq(base | within)]
+                    with m.If(within < size):
+                        m.d.sync += at.eq(base | within)
         with m.Switch(address):
             for axis, table in enumerate(TABLES):
                 bits = (LUT_WORDS - 1).bit_length()
                 with m.Case(f"{table.address >> bits:0{16 - bits}b}" + "-" * bits):
-                    m.d.sync += [matched.eq(1), at.eq(TABLE_BASE + axis)]
+                    m.d.sync += at.eq(TABLE_BASE + axis)
 
     def _write(self, m, register, command, shadow, pending, marked, written, code):
         """Statements that write the command's value into ``register``."""
@@ -310,17 +317,18 @@ class RegisterFile(wiring.Component):
         for r in REGISTERS:
             lowest, highest, _ = built(r, features)
             low = {
-                "value": constants.get(r.name, 0) if r.access is Access.READ else _biased(r, lowest),
+                "value": max(_biased(r, lowest) - 1, 0) if r.access is not Access.READ else 0,
                 "readable": r.access is not Access.WRITE,
                 "writable": r.access is not Access.READ,
                 "setting": r.scope is Scope.FRAME or r.name == "commit",
                 "signed": r.signed,
             }
             high = {
-                "value": 1 << _LIVE.index(r.name) if r.name in _LIVE else _biased(r, highest),
+                "value": 1 << _LIVE.index(r.name) if r.name in _LIVE else constants.get(r.name, _biased(r, highest)),
                 "constant": r.name in constants,
                 "live": r.name in _LIVE,
                 "kept": r.access is Access.BOTH,
+                "from_least": _biased(r, lowest) == 0,
             }
             lows[number(r)] = _Low.as_shape().const(low).as_value().value
             highs[number(r)] = _High.as_shape().const(high).as_value().value

@@ -2,17 +2,18 @@
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import enum, wiring
 from amaranth.lib.wiring import In, Out
 
-from magtrak.protocol import COMPACT_ROW, FRAME, MAX_EDGES, RowForm
+from magtrak.protocol import COMPACT_ROW, FRAME, FULL_ROW, MAX_EDGES, RowForm
 
-from ..layouts import Packets, struct
+from ..features import ROW_WORDS, compact_rows
+from ..layouts import Packets
 from ..select import one_of
 from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, FrameReader
 
-CompactRow = struct(COMPACT_ROW)
+_VALID = next(at for at, field in FULL_ROW if field.name == "valid")
 
 
 class _Part(enum.Enum, shape=2):
@@ -22,11 +23,12 @@ class _Part(enum.Enum, shape=2):
 
 
 class FrameAssembler(wiring.Component):
-    """Sends frames: header, edge log, rows in the form that the header tells.
+    """Sends frames: header, edge log, rows.
 
-    What the frame has is read in the header as it passes.
+    What the frame has is read in the header as it passes. Of a full row without a line only the first word is read;
+    the others are 0.
 
-    Throughput: a byte a clock, and 2 clocks more for each row and for every 4 bytes of header and edges.
+    Throughput: a byte a clock, and 2 clocks more for every 4 bytes.
 
     Parameters
     ----------
@@ -54,51 +56,42 @@ class FrameAssembler(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         form = Signal(RowForm)
-        edges, rows = Signal(range(MAX_EDGES + 1)), Signal(range(self.max_rows + 1))
-        row = self.i.row
+        edges, rows = Signal(range(MAX_EDGES + 1)), Signal(range(compact_rows(self.max_rows) + 1))
 
-        # Word or row of this part, and the next; both stand still while the bytes of one are sent.
+        # Word or row of this part, and the next; all stands still while the bytes of one word are sent.
         part = Signal(_Part)
-        positions = max(self.max_rows, EDGE_BASE) + 1
-        index, following = Signal(range(positions)), Signal(range(positions), init=1)
+        index = Signal(range(max(compact_rows(self.max_rows), EDGE_BASE)))
+        following = Signal(len(index) + 1, init=1)
+        of_row = Signal(ROW_WORDS, init=1)  # which word of a full row
+        low = (self.max_rows - 1).bit_length()
+        full = form == RowForm.FULL
         m.d.comb += [
             self.i.word_index.eq(Cat(index[: EDGE_BASE.bit_length() - 1], part == _Part.EDGES)),
-            self.i.row_index.eq(index),
+            self.i.row_index.eq(
+                Cat(index[:low], Mux(full, Cat(of_row[1] | of_row[3], of_row[2:].any()), index[low : low + 2]))
+            ),
         ]
 
         # Whether this is the last of its part, of the frame: registered, there are clocks before it is used.
-        size = Signal(range(positions))
+        of_rows = part == _Part.ROWS
         part_ended, ended = Signal(), Signal()
+        no_edges, no_rows = Signal(), Signal()
+        m.d.sync += [no_edges.eq(edges == 0), no_rows.eq(rows == 0)]
+        m.d.sync += ended.eq(of_rows | (no_rows & ((part == _Part.EDGES) | no_edges)))
         with m.Switch(part):
             with m.Case(_Part.HEADER):
-                m.d.comb += size.eq(HEADER_WORDS)
+                m.d.sync += part_ended.eq(index == HEADER_WORDS - 1)
             with m.Case(_Part.EDGES):
-                m.d.comb += size.eq(edges * EDGE_WORDS)
+                m.d.sync += part_ended.eq(following == edges * EDGE_WORDS)
             with m.Default():
-                m.d.comb += size.eq(rows)
-        no_edges, no_rows = Signal(), Signal()
-        m.d.sync += [
-            no_edges.eq(edges == 0),
-            no_rows.eq(rows == 0),
-            part_ended.eq(following == size),
-            ended.eq((part == _Part.ROWS) | (no_rows & ((part == _Part.EDGES) | no_edges))),
-        ]
+                m.d.sync += part_ended.eq((following == rows) & (of_row[-1] | ~full))
 
-        compact = Signal(CompactRow)
-        for field in COMPACT_ROW.fields:
-            m.d.comb += compact[field.name].eq(row[field.name])
-        m.d.comb += [
-            compact.peak.eq(row.peak[4:]),
-            compact.width.eq(Mux(row.width > 15, 15, row.width)),
-        ]
-
-        # All bytes that can be next, those of a row or word from its place in `hot` on.
-        choices = [Value.cast(row), Value.cast(compact), self.i.word]
-        bytes_ = [value.word_select(n, 8) for value in choices for n in range(len(value) // 8)]
-        ends = [sum(len(value) // 8 for value in choices[: n + 1]) for n in range(len(choices))]
-        hot, last = Signal(len(bytes_)), Signal()
-        byte = one_of(bytes_, hot)
-        m.d.comb += last.eq(Cat(hot[end - 1] for end in ends).any())
+        # The byte that is next, of a row's word or another.
+        words = [self.i.row, self.i.word]
+        number, hot = Signal(range(4)), Signal(8)
+        byte = one_of([word.word_select(n, 8) for word in words for n in range(4)], hot)
+        last = number == 3
+        empty = Signal()  # the row has no line
 
         free = Signal()  # for another byte
         m.d.comb += free.eq(self.o.ready | ~self.o.valid)
@@ -106,14 +99,11 @@ class FrameAssembler(wiring.Component):
             m.d.sync += self.o.valid.eq(0)
         with m.FSM():
             with m.State("Wait"):
-                m.d.sync += [part.eq(_Part.HEADER), index.eq(0), following.eq(1)]
+                m.d.sync += [part.eq(_Part.HEADER), index.eq(0), following.eq(1), of_row.eq(1)]
                 with m.If(self.i.ready):
                     m.next = "Fetch"
             with m.State("Fetch"):
-                of_rows, full = part == _Part.ROWS, form == RowForm.FULL
-                m.d.sync += hot.eq(0)
-                for start, kind in zip([0, *ends], (of_rows & full, of_rows & ~full, ~of_rows), strict=False):
-                    m.d.sync += hot[start].eq(kind)
+                m.d.sync += [hot.eq(0), hot[0].eq(of_rows & ~(empty & full & ~of_row[0])), hot[4].eq(~of_rows)]
                 m.next = "Settle"
             with m.State("Settle"):
                 m.next = "Send"
@@ -123,16 +113,22 @@ class FrameAssembler(wiring.Component):
                         place = next(at for at, field in FRAME if field.name == name)
                         with m.If(index == place // 32):
                             m.d.sync += kept.eq(self.i.word[place % 32 :])
+                with m.If(of_row[0]):
+                    m.d.sync += empty.eq(~self.i.row[_VALID])
                 with m.If(free):
                     m.d.sync += [
                         self.o.valid.eq(1),
                         self.o.payload.data.eq(byte),
                         self.o.payload.last.eq(last & part_ended & ended),
+                        number.eq(number + 1),
                         hot.eq(hot << 1),
                     ]
                     with m.If(last):
-                        m.d.sync += [index.eq(following), following.eq(following + 1)]
                         m.next = "Fetch"
+                        with m.If(of_rows & full & ~of_row[-1]):
+                            m.d.sync += of_row.eq(of_row << 1)
+                        with m.Else():
+                            m.d.sync += [index.eq(following), following.eq(following + 1), of_row.eq(1)]
                         with m.If(part_ended):
                             m.d.sync += [index.eq(0), following.eq(1)]
                             with m.If((part == _Part.HEADER) & ~no_edges):

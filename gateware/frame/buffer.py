@@ -26,13 +26,15 @@ class FrameBuffer(wiring.Component):
 
     Parameters
     ----------
-    max_rows : rows of a buffer, a power of two; rows beyond are left out, and the header says so
+    max_rows : rows of a buffer in the full form, a power of two; in the compact form there are four times as many, up
+        to 2048. Rows beyond are left out, and the header says so
 
     Members
     -------
     frame_first : strobe: the first pixel of an image
     refused : strobe: an image that came was not let in; counted as seen and dropped
     frame_end : strobe: the image is over; after its last pixel and before the next ``frame_first``
+    form : of the rows of the image, a ``RowForm``; sampled at ``frame_first``
     start : of the image, from the clock after its ``frame_first`` on for :data:`~gateware.frame.facts.STEADY_CLOCKS`
     image : sampled at ``frame_end``
     rows, vision : results of the images, in order; ``vision`` as of ``rows.frame_end``
@@ -56,6 +58,7 @@ class FrameBuffer(wiring.Component):
                 "frame_first": In(1),
                 "refused": In(1),
                 "frame_end": In(1),
+                "form": In(1),
                 "start": In(StartFacts),
                 "image": In(ImageFacts),
                 "rows": In(Rows()),
@@ -91,19 +94,23 @@ class FrameBuffer(wiring.Component):
         free, gives_way = Signal(), Signal()  # the buffer whose turn it is; the one that waits behind it
         accepts, accepted = Signal(), Signal()  # an image that begins now has a buffer; the present one has
         into, filling = Signal(), Signal()  # which
+        forms = Signal(2)
+        begun = Signal()  # an image, a clock ago
         m.d.comb += [
             free.eq(~busy.bit_select(claiming, 1)),
             gives_way.eq(~free & ~moved & complete.bit_select(~sending, 1)),
             accepts.eq(free | gives_way),
             into.eq(Mux(free, claiming, ~sending)),
             self.take.eq(self.frame_end & accepted),
-            rows.frame_first.eq(self.frame_first),
-            rows.accepted.eq(accepts),
-            rows.into.eq(into),
+            rows.frame_first.eq(begun),
+            rows.accepted.eq(accepted),
+            rows.into.eq(filling),
+            rows.forms.eq(forms),
             rows.vision.eq(self.vision),
             header.begin.eq(self.frame_first & accepts),
             header.into.eq(into),
             header.start.eq(self.start),
+            header.forms.eq(forms),
             header.number.eq(self.number),
             header.take.eq(self.take),
             header.ends.eq(filling),
@@ -118,7 +125,7 @@ class FrameBuffer(wiring.Component):
             header.filled.eq(filled),
             rows.bank.eq(sending),
             rows.index.eq(reader.row_index),
-            reader.row.eq(rows.row),
+            reader.row.eq(rows.word),
             header.bank.eq(sending),
             header.index.eq(reader.word_index),
             reader.word.eq(header.word),
@@ -138,10 +145,11 @@ class FrameBuffer(wiring.Component):
             m.d.sync += self.frames.eq(self.frames + 1)
         with m.If((self.frame_first & ~free) | self.refused):
             m.d.sync += self.dropped.eq(self.dropped + 1)
+        m.d.sync += begun.eq(self.frame_first)
         m.d.sync += moved.eq(self.moving | (moved & ~self.frame_first))
         for bank in range(2):
             with m.If(self.frame_first & accepts & (into == bank)):
-                m.d.sync += [busy[bank].eq(1), filled[bank].eq(0), complete[bank].eq(0)]
+                m.d.sync += [busy[bank].eq(1), filled[bank].eq(0), complete[bank].eq(0), forms[bank].eq(self.form)]
             with m.If(rows.filled & (rows.filled_bank == bank)):
                 m.d.sync += filled[bank].eq(1)
             with m.If(header.complete & (header.complete_bank == bank)):

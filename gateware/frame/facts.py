@@ -6,7 +6,8 @@ from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol import EDGE, FRAME, MAX_EDGES
 
-from ..layouts import CameraErrors, EncoderErrors, Field, Row
+from ..features import ROW_WORDS
+from ..layouts import CameraErrors, EncoderErrors, Field
 from ..motion.angle import AngleStamp
 
 HEADER_WORDS = FRAME.size // 4
@@ -15,7 +16,6 @@ EDGE_BASE = 1 << (HEADER_WORDS - 1).bit_length()
 """Where the edges begin among the 32-bit words of a frame; the header begins at 0."""
 
 WORDS = EDGE_BASE + MAX_EDGES * EDGE_WORDS
-
 
 STEADY_CLOCKS = 100
 """How long what is known at the beginning of an image stays so at least, and what is known of its motion."""
@@ -31,9 +31,8 @@ class StartFacts(data.Struct):
 
 
 class ImageFacts(data.Struct):
-    """Form and laser, as of the end of the image."""
+    """Laser and motor, as of the end of the image."""
 
-    form: 1
     laser_on: 1
     speed_in_band: 1
     motor_stopped: 1
@@ -75,13 +74,13 @@ class FrameReader(wiring.Signature):
 
     Parameters
     ----------
-    max_rows : rows of a buffer
+    max_rows : full rows of a buffer
 
     Members
     -------
     ready : a frame waits; the members below speak of it
     word_index, word : words of header and edge log, 2 clocks later; the header says what else the frame has
-    row_index, row : its rows, 2 clocks later
+    row_index, row : words of its rows, 2 clocks later, where :class:`~gateware.frame.rows.RowStore` has them
     done : strobe: it is no longer needed
     """
 
@@ -91,8 +90,8 @@ class FrameReader(wiring.Signature):
                 "ready": Out(1),
                 "word_index": In(range(WORDS)),
                 "word": Out(32),
-                "row_index": In(range(max_rows)),
-                "row": Out(Row),
+                "row_index": In(range(ROW_WORDS * max_rows)),
+                "row": Out(32),
                 "done": In(1),
             }
         )

@@ -1,7 +1,5 @@
 """Headers and edge logs of two frames."""
 
-from itertools import pairwise
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
@@ -18,7 +16,7 @@ _EDGE_BITS = EDGE_BASE.bit_length() - 1
 _START_WORDS = [
     next(at for at, field in FRAME if field.name == name) // 32 for name in ("frame", "exposure_us", "time_offset_ns")
 ]
-"""Words of the header that are known at the beginning of an image. The first one is 0."""
+"""Words of the header that are known at the beginning of an image."""
 
 
 class HeaderStore(wiring.Component):
@@ -28,7 +26,7 @@ class HeaderStore(wiring.Component):
     it. What is wide goes to the memory as soon as it is known: settings and number after ``begin``, edges after
     ``taken``, all else after the later of the last two moments.
 
-    That takes at most ``copy_clocks`` from ``taken``, or 30 from ``filled``. The next ``taken``
+    That takes at most ``copy_clocks`` from ``taken``, or 60 from ``filled``. The next ``taken``
     must not come earlier: images are at least 112 clocks apart, which is enough.
 
     Members
@@ -36,6 +34,7 @@ class HeaderStore(wiring.Component):
     begin, into : strobe: an image that is accepted begins; its bank, which is not that of a header still to be
         completed
     start, number : of that image, from the clock after on for :data:`~gateware.frame.facts.STEADY_CLOCKS`
+    forms : of the images in both banks
     take, ends : strobe: an accepted image ends; its bank
     image : sampled then
     taken : strobe for each ``take``, in order: its motion is known
@@ -48,12 +47,13 @@ class HeaderStore(wiring.Component):
     word : that word, 2 clocks later
     """
 
-    copy_clocks = EDGE_WORDS * MAX_EDGES + HEADER_WORDS + 12
+    copy_clocks = EDGE_WORDS * MAX_EDGES + 2 * HEADER_WORDS + 12
 
     begin: In(1)
     into: In(1)
     start: In(StartFacts)
     number: In(32)
+    forms: In(2)
     take: In(1)
     ends: In(1)
     image: In(ImageFacts)
@@ -116,9 +116,9 @@ class HeaderStore(wiring.Component):
         copying = Signal()  # bank
         with m.If(self.taken):
             m.d.sync += copying.eq(queue[0])
-        of_start, image, rows = Signal(kept), Signal(ImageFacts), Signal(RowFacts)
+        begun, image, rows = Signal(kept), Signal(ImageFacts), Signal(RowFacts)
         m.d.comb += [
-            of_start.eq(Mux(copying, starts[1], starts[0])),
+            begun.eq(Mux(copying, starts[1], starts[0])),
             image.eq(Mux(copying, images[1], images[0])),
             rows.eq(Mux(copying, self.rows[1], self.rows[0])),
         ]
@@ -129,8 +129,9 @@ class HeaderStore(wiring.Component):
             "rows_lost": rows.lost,
         }
         values = (
-            {name: of_start[name] for name in kept.members}
-            | {name: image[name] for name in ("form", "phase", "field")}
+            {name: begun[name] for name in kept.members}
+            | {name: image[name] for name in ("phase", "field")}
+            | {"form": self.forms.bit_select(copying, 1)}
             | {name: motion[name] for name in ("edges", "edge_shift", "index_passes", "index_count", "encoder_errors")}
             | {
                 f"{when}_{name}": motion[when][name]
@@ -154,12 +155,23 @@ class HeaderStore(wiring.Component):
         values |= {name: self.start[name] for name in ("exposure_us", "time_offset_ns")} | {"frame": self.number}
         words = Cat(_packed(FRAME, values), self.edge)
         hot = Signal(HEADER_WORDS + EDGE_WORDS)  # the word to be written, at this address
-        at = Signal(range(2 * WORDS))
+        at, wanted = Signal(range(2 * WORDS)), Signal()
 
+        # One pass goes through all words of the header, and writes those that are known at the beginning or the others.
         step = Signal(range(EDGE_WORDS * MAX_EDGES))  # word of header or log
         logged = Signal()  # the edges are copied
-        m.d.comb += self.edge_index.eq(step // EDGE_WORDS)
-        m.d.sync += [hot.eq(0), write.addr.eq(at), write.en.eq(hot.any()), self.complete.eq(0)]
+        passing, of_start = Signal(), Signal()
+        m.d.comb += [
+            self.edge_index.eq(step // EDGE_WORDS),
+            passing.eq(hot[:HEADER_WORDS].any()),
+            of_start.eq(Cat(hot[word] for word in _START_WORDS).any()),
+        ]
+        m.d.sync += [
+            hot.eq(Cat(0, hot[: HEADER_WORDS - 1])),
+            write.addr.eq(at),
+            write.en.eq(Mux(passing, of_start == wanted, hot.any())),
+            self.complete.eq(0),
+        ]
         with m.If(hot.any()):
             m.d.sync += write.data.eq(one_of([words[32 * n : 32 * (n + 1)] for n in range(len(hot))], hot))
         with m.FSM():
@@ -173,32 +185,25 @@ class HeaderStore(wiring.Component):
                     m.next = "Header"
 
             with m.State("Start"):
-                m.d.sync += [started.eq(0), hot.eq(1 << step), at.eq(Cat(step[:_EDGE_BITS], 0, starting))]
+                m.d.sync += [started.eq(0), step.eq(step + 1), wanted.eq(1)]
+                m.d.sync += [hot[0].eq(step == 0), at.eq(Cat(step[:_EDGE_BITS], 0, starting))]
                 for bank in range(2):
                     with m.If(starting == bank):
                         m.d.sync += [starts[bank][name].eq(self.start[name]) for name in kept.members]
-                with m.Switch(step):
-                    for word, following in pairwise(_START_WORDS):
-                        with m.Case(word):
-                            m.d.sync += step.eq(following)
-                    with m.Default():
-                        m.next = "Wait"
+                with m.If(step == HEADER_WORDS - 1):
+                    m.next = "Wait"
 
             with m.State("Edges"):
                 # The edge follows the index by a clock, as `hot` does.
-                m.d.sync += [
-                    step.eq(step + 1),
-                    hot[HEADER_WORDS:].eq(1 << step % EDGE_WORDS),
-                    at.eq(Cat(step[:_EDGE_BITS], 1, copying)),
-                ]
+                m.d.sync += [step.eq(step + 1), at.eq(Cat(step[:_EDGE_BITS], 1, copying))]
+                m.d.sync += hot[HEADER_WORDS:].eq(Cat(~step[0], step[0]))
                 with m.If(step == EDGE_WORDS * MAX_EDGES - 1):
                     m.d.sync += logged.eq(1)
                     m.next = "Wait"
 
             with m.State("Header"):
-                m.d.sync += [step.eq(step + 1), hot.eq(1 << step), at.eq(Cat(step[:_EDGE_BITS], 0, copying))]
-                for word in _START_WORDS:  # are there
-                    m.d.sync += hot[word].eq(0)
+                m.d.sync += [step.eq(step + 1), wanted.eq(0)]
+                m.d.sync += [hot[0].eq(step == 0), at.eq(Cat(step[:_EDGE_BITS], 0, copying))]
                 with m.If(step == HEADER_WORDS - 1):
                     m.next = "Complete"
 

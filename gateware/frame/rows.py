@@ -1,34 +1,49 @@
 """The rows of two frames."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import C, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from ..layouts import Row, Rows
+from magtrak.protocol import COMPACT_ROW, FULL_ROW, RowForm
+
+from ..features import ROW_WORDS, compact_rows
+from ..layouts import Row, Rows, struct
 from ..memory import BlockRam
+from ..select import one_of
 from .facts import RowFacts, VisionFacts
+
+CompactRow = struct(COMPACT_ROW)
 
 
 class RowStore(wiring.Component):
-    """Writes the rows of images that were accepted into one of two banks.
+    """Writes the rows of images that were accepted into one of two banks, in the form in which they are sent.
 
-    Results may come after the next image has begun: images are matched to results by their order.
+    A bank holds ``max_rows`` rows in the full form; word k of row r is at ``k * max_rows + r``. In the compact form it
+    holds four times as many, up to 2048, row r at r.
 
-    Rows beyond ``max_rows`` are left out. Latency of writing 1 clock, of reading 2.
+    Results may come after the next image has begun: images are matched to results by their order. Rows beyond those
+    that a bank holds are left out.
+
+    Every row before the last result of an image is written. One without a result of its own, and one whose result comes
+    while those before are being written, has no line and ``overflow`` set: both happen only to rows that broke the
+    contract of the camera, and such results say no more. Of a full row without a line the first word matters only.
+
+    Latency of writing: 6 clocks, and one for every row without a result; of reading 2 clocks.
 
     Parameters
     ----------
-    max_rows : rows of a bank, a power of two
+    max_rows : full rows of a bank, a power of two
 
     Members
     -------
     frame_first, accepted, into : strobe of each image's first pixel, whether its rows are to be kept, and in which
         bank; at most two images are between their first pixel and ``rows.frame_end``
-    rows, vision : results; ``vision`` as of ``rows.frame_end``
+    forms : of each bank, a ``RowForm``; of an image from the clock after its ``frame_first`` on, while it is there
+    rows, vision : results; ``vision`` as of ``rows.frame_end``, which comes when the last result is written
     filled, filled_bank : strobe: the rows of an accepted image are complete in this bank
     facts : of each bank, since ``filled``
-    bank, index : row to read
-    row : that row
+    bank, index : word to read
+    word : that word
 
     Raises
     ------
@@ -45,22 +60,22 @@ class RowStore(wiring.Component):
                 "frame_first": In(1),
                 "accepted": In(1),
                 "into": In(1),
+                "forms": In(2),
                 "rows": In(Rows()),
                 "vision": In(VisionFacts),
                 "filled": Out(1),
                 "filled_bank": Out(1),
                 "facts": Out(RowFacts).array(2),
                 "bank": In(1),
-                "index": In(range(max_rows)),
-                "row": Out(Row),
+                "index": In(range(ROW_WORDS * max_rows)),
+                "word": Out(32),
             }
         )
 
     def elaborate(self, platform):
         m = Module()
-        # Read and written at once only before a bank is complete, when what is read is not used: in each clock the word
-        # is read again.
-        m.submodules.memory = memory = BlockRam(Row, 2 * self.max_rows)
+        # A bank is either written or read, but for clocks in which the word that is read does not matter.
+        m.submodules.memory = memory = BlockRam(32, 2 * ROW_WORDS * self.max_rows)
         write, read = memory.write, memory.read
 
         # Images whose results are to come, the oldest first: whether each was accepted, and its bank.
@@ -78,38 +93,76 @@ class RowStore(wiring.Component):
         m.d.sync += [queue.eq(rest), waiting.eq(left + self.frame_first)]
         with m.If(self.frame_first):
             m.d.sync += [queue[left[0]].accepted.eq(self.accepted), queue[left[0]].bank.eq(self.into)]
-
         filling = queue[0].bank
-        stored = Signal(range(self.max_rows + 1))
+        full = Signal()
+        m.d.comb += full.eq(self.forms.bit_select(filling, 1) == RowForm.FULL.value)
+
+        # The next row that is written, and the one of the last result, which comes after all before it.
+        low = (self.max_rows - 1).bit_length()
+        most = compact_rows(self.max_rows)
+        row, last = Signal(range(2 * most)), Signal(range(2 * most))
+        kept = Signal(Row, reset_less=True)
+        due, bare = Signal(), Signal()  # there are rows to be written; nothing is kept of the last one
+        hot = Signal(ROW_WORDS)  # the word of `kept` that is written
+        room, reached, comes, fills = Signal(), Signal(), Signal(), Signal()
         lost = Signal()
-        result = self.rows.row.payload
-        wanted = self.rows.row.valid & (waiting != 0) & queue[0].accepted
-        with m.If(wanted):
-            m.d.sync += [
-                write.addr.eq(Cat(result.row[: (self.max_rows - 1).bit_length()], filling)),
-                write.data.eq(result.record),
-            ]
-        m.d.sync += [
-            write.en.eq(wanted & (result.row < self.max_rows)),
-            self.filled.eq(finished & queue[0].accepted),
-            self.filled_bank.eq(filling),
+        m.d.comb += [
+            room.eq(~Mux(full, row[low:].any(), row[(most - 1).bit_length()])),
+            reached.eq(row == last),
+            comes.eq(due & ~hot.any() & reached & ~bare),
+            fills.eq(due & ~hot.any() & ~comes),
         ]
-        with m.If(wanted):
-            with m.If(result.row < self.max_rows):
-                m.d.sync += stored.eq(result.row + 1)
-            with m.Else():
-                m.d.sync += lost.eq(1)
+        with m.If((hot[-1] | (hot[0] & ~full)) | comes):
+            m.d.sync += hot.eq(comes)
+        with m.Else():
+            m.d.sync += hot.eq(hot << 1)
+        with m.If(due & ~hot.any()):
+            m.d.sync += [due.eq(~reached & room), lost.eq(lost | ~room)]
+        with m.If((hot[-1] | (hot[0] & ~full) | fills) & room):
+            m.d.sync += row.eq(row + 1)
+        with m.If(self.rows.row.valid & (waiting != 0) & queue[0].accepted):
+            m.d.sync += [due.eq(1), last.eq(self.rows.row.payload.row), bare.eq(due | hot.any())]
+            with m.If(~due & ~hot.any()):
+                m.d.sync += kept.eq(self.rows.row.payload.record)
+
+        words = Value.cast(kept)
+        compact = Signal(CompactRow)
+        for field in COMPACT_ROW.fields:
+            m.d.comb += compact[field.name].eq(kept[field.name])
+        m.d.comb += [compact.peak.eq(kept.peak[4:]), compact.width.eq(Mux(kept.width > 15, 15, kept.width))]
+        number = Cat(hot[1] | hot[3], hot[2:].any())
+        common = next(at for at, field in COMPACT_ROW if field.name == "valid")  # of both forms, the lowest bits
+        parts = [words[:common], words[common:32], words[32:64], words[64:96], words[96:], compact.as_value()[common:]]
+        whole, short = hot[0] & full, hot[0] & ~full
+        chosen = Signal(len(parts))
+        empties = [_overflow(layout) for layout in (FULL_ROW, COMPACT_ROW)]
+        empty = Signal(2)
+        m.d.sync += [
+            chosen.eq(Cat(hot[0], whole, hot[1:], short)),
+            empty.eq(Cat(fills & full, fills & ~full)),
+            write.addr.eq(Cat(row[:low], Mux(full, number, row[low:])[:2], filling)),
+            write.en.eq((hot.any() | fills) & room),
+        ]
+        aligned = [Cat(Const(0, common), part) if part is parts[1] or part is parts[-1] else part for part in parts]
+        m.d.comb += write.data.eq(one_of([*aligned, *(C(1 << at, 32) for at in empties)], Cat(chosen, empty)))
+        m.d.sync += [self.filled.eq(finished & queue[0].accepted), self.filled_bank.eq(filling)]
+
         with m.If(finished):
-            m.d.sync += [stored.eq(0), lost.eq(0)]
+            m.d.sync += [row.eq(0), lost.eq(0), due.eq(0)]
             with m.If(queue[0].accepted):
                 for bank, facts in enumerate(self.facts):
                     with m.If(filling == bank):
                         m.d.sync += [
                             facts.vision.eq(self.vision),
-                            facts.rows.eq(stored),
+                            facts.rows.eq(row),
                             facts.lost.eq(lost | self.vision.errors.rows),
                         ]
 
         m.d.comb += [read.addr.eq(Cat(self.index, self.bank)), read.en.eq(1)]
-        m.d.sync += self.row.eq(read.data)
+        m.d.sync += self.word.eq(read.data)
         return m
+
+
+def _overflow(layout) -> int:
+    """The bit of the flag."""
+    return next(at for at, field in layout if field.name == "overflow")

@@ -7,7 +7,7 @@ byte for byte.
 """
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, wiring
+from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak.protocol.cobs import BLOCK
@@ -20,10 +20,10 @@ class CobsEncoder(wiring.Component):
     """Packets to bytes for the wire.
 
     A code byte comes before the up to 254 bytes that it announces, so blocks are collected in one
-    bank of a memory while the block before leaves the other.
+    bank of a memory while the block before leaves the other. A bank has its code byte at address 0, written last.
 
-    Throughput: a byte a clock, code bytes and delimiters included. Latency: a block leaves when it is
-    complete; its code byte 2 clocks later.
+    Throughput: it takes a byte a clock, and one clock more a block; it gives one every two clocks. Latency: a block
+    leaves when it is complete; its code byte 4 clocks later.
 
     After reset a lone zero byte leaves first: it ends the packet that a reset may have cut off.
 
@@ -46,83 +46,70 @@ class CobsEncoder(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-
-        # A code byte says where the next zero was, counted from itself: 1 to 255.
-        block = data.StructLayout({"code": 8, "last": 1})
-        blocks = [Signal(block, name=f"block{bank}") for bank in range(2)]
-        full = Signal(2)
-
-        bits = self.block.bit_length()  # of an address within a bank; address 0 is not used
-        # A bank that is being written is also read, but nothing comes of that: it is not full.
+        full, lasts = Signal(2), Signal(2, init=1)  # the packet's last block
+        bits = self.block.bit_length()  # of an address within a bank
+        # A bank that is being written is not read: it is not full.
         m.submodules.memory = memory = BlockRam(8, 2 << bits)
         write, read = memory.write, memory.read
 
-        # Collect.
-        bank = Signal()
+        # Collect. A code byte says where the next zero was, counted from itself: 1 to 255.
+        bank = Signal(init=1)
         code = Signal(8, init=1)  # of the block so far: its bytes + 1
+        closing, ends = Signal(), Signal()  # the code is to be written; the packet ends here
         tail = Signal()  # a zero was the packet's last byte: an empty block must follow
-        free = Signal()
         zero = self.i.payload.data == 0
-        close = Signal()
-        closed = Signal(block)
+        free = Signal()
         m.d.comb += [
             free.eq(~full.bit_select(bank, 1)),
-            self.i.ready.eq(free & ~tail),
-            write.addr.eq(Cat(code[:bits], bank)),
-            write.data.eq(self.i.payload.data),
-            write.en.eq(self.i.valid & self.i.ready),
+            self.i.ready.eq(free & ~closing),
+            write.addr.eq(Cat(code[:bits] & (~closing).replicate(bits), bank)),
+            write.data.eq(Mux(closing, code, self.i.payload.data)),
+            write.en.eq(free),  # whatever is at the input: what is no byte is overwritten
         ]
-        with m.If(tail):
-            m.d.comb += [close.eq(free), closed.code.eq(1), closed.last.eq(1)]
-            m.d.sync += tail.eq(~free)
-        with m.Elif(write.en):
-            with m.If(zero):
-                m.d.comb += [close.eq(1), closed.code.eq(code)]
-                m.d.sync += tail.eq(self.i.payload.last)
-            with m.Else():
-                m.d.comb += [
-                    close.eq(self.i.payload.last | (code == self.block)),
-                    closed.code.eq(code + 1),
-                    closed.last.eq(self.i.payload.last),
-                ]
-                m.d.sync += code.eq(code + 1)
-        with m.If(close):
-            m.d.sync += [code.eq(1), bank.eq(~bank)]
-
-        # Send: code byte, the block, a delimiter after a packet's last block. Two stages, because the
-        # memory's output goes through a register of its own.
-        taking = Signal()  # the bank that leaves
-        at = Signal(range(self.block + 2))  # next byte of it: 0 is the code byte
-        leaving = Signal(block)
-        advance = Signal()
-        done = Signal()
-        fetched = Signal(data.StructLayout({"valid": 1, "stored": 1, "byte": 8}), init={"valid": 1})
-        delimiter = at == leaving.code
-        m.d.comb += [
-            leaving.eq(Mux(taking, blocks[1], blocks[0])),
-            advance.eq(self.o.ready | ~self.o.valid),
-            read.addr.eq(Cat(at[:bits], taking)),
-            read.en.eq(advance),
-            # After code - 1 bytes the block is out; its delimiter takes one more.
-            done.eq((at == Mux(leaving.last, leaving.code, leaving.code - 1)) & full.bit_select(taking, 1)),
-        ]
-        with m.If(advance):
+        with m.If(closing & free):
+            m.d.sync += [code.eq(1), bank.eq(~bank), closing.eq(tail), ends.eq(tail), tail.eq(0)]
+        with m.Elif(self.i.valid & self.i.ready):
             m.d.sync += [
-                fetched.valid.eq(full.bit_select(taking, 1)),
-                fetched.stored.eq((at != 0) & ~delimiter),
-                fetched.byte.eq(Mux(delimiter, 0, leaving.code)),
-                self.o.valid.eq(fetched.valid),
-                self.o.payload.eq(Mux(fetched.stored, read.data, fetched.byte)),
+                closing.eq(zero | self.i.payload.last | (code == self.block)),
+                ends.eq(self.i.payload.last & ~zero),
+                tail.eq(self.i.payload.last & zero),
             ]
-            with m.If(done):
-                m.d.sync += [at.eq(0), taking.eq(~taking)]
-            with m.Elif(full.bit_select(taking, 1)):
-                m.d.sync += at.eq(at + 1)
+            with m.If(~zero):
+                m.d.sync += code.eq(code + 1)
 
-        for number, stored in enumerate(blocks):
-            with m.If(close & (bank == number)):
-                m.d.sync += [stored.eq(closed), full[number].eq(1)]
-            with m.If(advance & done & (taking == number)):
+        # Send: code byte, the block, a delimiter after a packet's last block. Two clocks a byte, because the
+        # memory's output goes through a register of its own.
+        taking = Signal()  # the bank that leaves; at first there is none, but its delimiter
+        at = Signal(range(self.block + 2))  # next byte of it: 0 is the code byte
+        leaving = Signal(8)  # its code, or 255 until that is known
+        first, last, at_end = Signal(), Signal(), Signal()
+        fetched = Signal()
+        able = self.o.ready | ~self.o.valid
+        m.d.comb += [
+            last.eq(lasts.bit_select(taking, 1)),
+            first.eq(at == 0),
+            at_end.eq(at == leaving),
+            read.addr.eq(Cat(at[:bits], taking)),
+            read.en.eq(~fetched),
+        ]
+        with m.If(self.o.ready):
+            m.d.sync += self.o.valid.eq(0)
+        with m.If(fetched):
+            with m.If(able):
+                m.d.sync += [self.o.valid.eq(1), self.o.payload.eq(read.data), at.eq(at + 1), fetched.eq(0)]
+                with m.If(first):
+                    m.d.sync += leaving.eq(read.data)
+        with m.Elif(~at_end):
+            m.d.sync += fetched.eq(full.bit_select(taking, 1))
+        with m.Elif(able | ~last):
+            m.d.sync += [at.eq(0), leaving.eq(0xFF), taking.eq(~taking)]
+            with m.If(last):
+                m.d.sync += [self.o.valid.eq(1), self.o.payload.eq(0)]
+
+        for number in range(2):
+            with m.If(closing & free & (bank == number)):
+                m.d.sync += [full[number].eq(1), lasts[number].eq(ends)]
+            with m.If(~fetched & at_end & (able | ~last) & (taking == number)):
                 m.d.sync += full[number].eq(0)
 
         return m
@@ -150,15 +137,16 @@ class CobsDecoder(wiring.Component):
     def elaborate(self, platform):
         m = Module()
 
-        rest = Signal(8)  # bytes to come in this block
+        rest = Signal(8, init=1)  # bytes to come in this block, and one more
         short = Signal()  # the block ends with a zero, unless it ends the packet
         inside = Signal()  # something came since the last delimiter
         held = Signal(8)
         holding = Signal()
 
         delimiter = self.i.payload == 0
-        code = ~delimiter & (rest == 0)
-        intact = holding & (rest == 0)
+        complete = rest == 1
+        code = ~delimiter & complete
+        intact = holding & complete
         yields = Signal()  # this byte completes a decoded byte
         m.d.comb += [
             yields.eq(~delimiter & Mux(code, short, 1)),
@@ -170,11 +158,11 @@ class CobsDecoder(wiring.Component):
         ]
         with m.If(self.i.valid & self.i.ready):
             with m.If(delimiter):
-                m.d.sync += Cat(rest, short, inside, holding).eq(0)
+                m.d.sync += [rest.eq(1), Cat(short, inside, holding).eq(0)]
             with m.Else():
                 m.d.sync += inside.eq(1)
                 with m.If(code):
-                    m.d.sync += [rest.eq(self.i.payload - 1), short.eq(self.i.payload != BLOCK + 1)]
+                    m.d.sync += [rest.eq(self.i.payload), short.eq(self.i.payload != BLOCK + 1)]
                 with m.Else():
                     m.d.sync += rest.eq(rest - 1)
                 with m.If(yields):

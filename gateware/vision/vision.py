@@ -92,7 +92,7 @@ class Vision(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         features = self.features
-        m.submodules.monitor = monitor = Monitor(features.max_columns, features.max_rows)
+        m.submodules.monitor = monitor = Monitor(features.max_columns, features.compact_rows)
         m.submodules.pixels = pixels = Pixels(features.background_cells)
         m.submodules.lookahead = lookahead = Lookahead()
         m.submodules.fir = fir = Fir()

@@ -18,6 +18,8 @@ from magtrak.protocol import COMPACT_ROW, EDGE, FRAME, FRAME_FLAGS, FULL_ROW, Fi
 from tests.support.simulation import simulate
 
 MAX_ROWS = 16
+LIMITS = {RowForm.FULL: MAX_ROWS, RowForm.COMPACT: 4 * MAX_ROWS}
+EMPTY = dict.fromkeys((f.name for f in FULL_ROW.fields if not f.reserved), 0)
 SHORTEST = 112  # clocks from image to image
 
 
@@ -75,18 +77,21 @@ class Image:
     """One image: everything that the header and the rows are to say."""
 
     def __init__(self, rng, rows, form=None):
+        self.form = rng.choice(list(RowForm)) if form is None else form
+        self.limit = LIMITS[self.form]
         self.rows = [any_record(rng, FULL_ROW) | {"position": rng.randrange(1 << 19)} for _ in range(rows)]
+        self.rows = [row if row["valid"] else EMPTY | {"overflow": row["overflow"]} for row in self.rows]
         self.start = any_facts(rng, StartFacts)
-        self.image = any_facts(rng, ImageFacts) | ({} if form is None else {"form": int(form)})
+        self.image = any_facts(rng, ImageFacts)
         self.motion = any_facts(rng, MotionFacts)
         self.vision = any_facts(rng, VisionFacts)
-        self.vision["errors"] |= {"rows": int(rows > MAX_ROWS), "_reserved": 0}
+        self.vision["errors"] |= {"rows": int(rows > self.limit), "_reserved": 0}
         self.edges = [any_record(rng, EDGE) for _ in range(16)]
 
     def payload(self, number, dropped, damaged=7, lost=9):
         """The definition of what is sent of it."""
         # Images that were not measured have no rows to send.
-        sent = self.rows[:MAX_ROWS] if self.image["phase"] in (Phase.MEASURED, Phase.UNSUBTRACTED) else []
+        sent = self.rows[: self.limit] if self.image["phase"] in (Phase.MEASURED, Phase.UNSUBTRACTED) else []
         errors = sum(bit << n for n, bit in enumerate(self.vision["errors"].values()))
         encoder = self.motion["encoder_errors"]
         field = self.image["field"].value
@@ -98,7 +103,7 @@ class Image:
                 "motor_stopped": self.image["motor_stopped"],
                 "encoder_fault": self.motion["encoder_fault"],
                 "camera_fault": int(errors != 0),
-                "rows_lost": int(len(self.rows) > MAX_ROWS),
+                "rows_lost": int(len(self.rows) > self.limit),
             }
         )
         header = {
@@ -108,6 +113,7 @@ class Image:
             **{name: self.motion[name] for name in ("edges", "edge_shift", "index_passes", "index_count")},
             **{f"first_{name}": value for name, value in self.motion["first"].items()},
             **{f"last_{name}": value for name, value in self.motion["last"].items()},
+            "form": int(self.form),
             "frame": number,
             "flags": int.from_bytes(flags, "little"),
             "camera_errors": errors,
@@ -121,15 +127,29 @@ class Image:
             "damaged_commands": damaged,
         }
         edges = b"".join(EDGE.pack(edge) for edge in self.edges[: self.motion["edges"]])
-        if self.image["form"] == RowForm.FULL:
+        if self.form == RowForm.FULL:
             rows = b"".join(FULL_ROW.pack(row) for row in sent)
         else:
             rows = b"".join(COMPACT_ROW.pack(FrameAssembler.reference(row)) for row in sent)
         return FRAME.pack(header) + edges + rows
 
 
-def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, damaged=7, lost=9, delays=(20, 6)):
+def play(
+    images,
+    *,
+    ready=lambda clock: True,
+    row_clocks=34,
+    gap=2,
+    after=600,
+    damaged=7,
+    lost=9,
+    delays=(20, 6),
+    late=0,
+    payload_of=Image.payload,
+):
     """Send ``images`` through.
+
+    Results of odd rows come ``late`` clocks earlier than they should; rows that are None have none.
 
     Gives the payloads that came out, what these had to be according to the images that they say they are, and the
     counters of images and of dropped ones. Stops after the last image when nothing came for ``after`` clocks. Results
@@ -142,12 +162,14 @@ def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, d
     ends = {}  # clock of frame_end: the image's number
     at = 1
     for number, image in enumerate(images):
-        events[at].append((dut.frame_first, 1))
+        events[at] += [(dut.frame_first, 1), (dut.form, int(image.form))]
         for when in range(at + 1, at + 1 + STEADY_CLOCKS):
             events[when].append((dut.start, image.start))
         end = at + max(len(image.rows) * row_clocks + 2, SHORTEST - gap)
         for row, record in enumerate(image.rows):
-            when = at + (row + 1) * row_clocks + delays[0]
+            when = at + (row + 1) * row_clocks + delays[0] - late * (row % 2)
+            if record is None:
+                continue
             events[when] += [(dut.rows.row.valid, 1), (dut.rows.row.payload, {"row": row, "record": record})]
         events[end] += [(dut.frame_end, 1), (dut.image, image.image)]
         ends[end] = number
@@ -163,6 +185,7 @@ def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, d
             for strobe in (dut.frame_first, dut.rows.row.valid, dut.frame_end, dut.rows.frame_end, dut.taken):
                 ctx.set(strobe, 0)
             # Outside the moments at which they are sampled the facts are something else.
+            ctx.set(dut.form, clock & 1)
             for facts in (dut.start, dut.image, dut.vision, dut.motion):
                 ctx.set(facts, facts.shape().from_bits(clock & 0x3F))
             ctx.set(dut.edge, log[index] if log else {})
@@ -171,7 +194,7 @@ def play(images, *, ready=lambda clock: True, row_clocks=34, gap=2, after=600, d
                     image, number = value
                     ctx.set(dut.motion, image.motion)
                     log = image.edges
-                    expected[number] = image.payload(number, ctx.get(dut.dropped), damaged, lost)
+                    expected[number] = payload_of(image, number, ctx.get(dut.dropped), damaged, lost)
                 else:
                     ctx.set(target, value)
             if ctx.get(dut.take):
@@ -204,6 +227,8 @@ def numbers_of(payloads):
 @pytest.mark.parametrize("form", RowForm)
 @pytest.mark.parametrize("rows", [0, 1, 2, MAX_ROWS - 1, MAX_ROWS, MAX_ROWS + 1, MAX_ROWS + 9])
 def test_one_frame_of_each_size(form, rows):
+    if form is RowForm.COMPACT and rows > 2:
+        rows += LIMITS[form] - MAX_ROWS
     image = Image(random.Random(rows), rows, form)
     payloads, expected, frames, dropped = play([image])
     assert (frames, dropped) == (1, 0)
@@ -257,6 +282,43 @@ def test_after_a_link_that_stood_still_the_newest_image_comes_next(until):
     # Up to the gap comes what was under way, then an image that was the newest when the pause ended, or a later one.
     newest = next(after for before, after in pairwise(numbers) if after > before + 1)
     assert newest >= (until - 305) // 394
+
+
+FLAGGED = EMPTY | {"overflow": 1}
+
+
+@pytest.mark.parametrize("form", RowForm)
+@pytest.mark.parametrize("given", [[0, 1, 9], [3, 4], [0, 2, 15]])
+def test_rows_without_a_result_have_no_line(form, given):
+    """The bank has rows of an earlier image at their places, which are not to be taken for this image's."""
+    rng = random.Random(5)
+    images = [Image(rng, rows, form) for rows in (LIMITS[form], LIMITS[form], given[-1] + 1)]
+    for image in images:
+        image.image["phase"] = Phase.MEASURED
+    rows = images[-1].rows
+    images[-1].rows = [row if at in given else None for at, row in enumerate(rows)]
+    payloads, expected, frames, dropped = play(images, gap=6000, payload_of=filled)
+    assert (frames, dropped) == (3, 0)
+    assert payloads == expected
+
+
+def filled(image, *facts):
+    """The payload of an image with rows that have no result."""
+    image.rows = [FLAGGED if row is None else row for row in image.rows]
+    return image.payload(*facts)
+
+
+@pytest.mark.parametrize("form", RowForm)
+def test_a_result_right_behind_another_one_is_kept_as_a_row_without_a_line(form):
+    def late(image, *facts):
+        image.rows = [FLAGGED if at % 2 else row for at, row in enumerate(image.rows)]
+        return image.payload(*facts)
+
+    image = Image(random.Random(6), 6, form)
+    image.image["phase"] = Phase.MEASURED
+    payloads, expected, *_ = play([image], late=33, payload_of=late)
+    assert payloads == expected
+    assert len(payloads) == 1
 
 
 def test_a_size_that_is_no_power_of_two_is_refused():
