@@ -3,12 +3,13 @@
 from functools import cache
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
-from amaranth.lib import data, memory, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak import reference
 
 from ..arithmetic import MULTIPLIER_BITS, Multiply, delayed
+from ..memory import BlockRom
 
 
 class Colour(data.Struct):
@@ -112,7 +113,7 @@ class HLS(wiring.Component):
     reference = staticmethod(reference.hls)
 
     latency = 6 + Multiply.latency
-    """Clocks from the pixel to its colour: order, sort, subtract, look up, hold, multiply, add."""
+    """Clocks from the pixel to its colour: order, sort, subtract, look up (2), multiply, add."""
 
     def elaborate(self, platform):
         m = Module()
@@ -137,9 +138,8 @@ class HLS(wiring.Component):
         delta, total, way = Signal(8, reset_less=True), Signal(9, reset_less=True), Signal(8, reset_less=True)
         m.d.sync += [delta.eq(high - low), total.eq(high + low), way.eq(plus - minus)]
 
-        # 4 and 5: look up, and hold what comes from the block RAM
-        table = memory.Memory(shape=MULTIPLIER_BITS, depth=2 * SATURATIONS, init=factors())
-        m.submodules.table = table
+        # 4 and 5: look up
+        m.submodules.table = table = BlockRom(MULTIPLIER_BITS, 2 * SATURATIONS, factors())
         up_hue = Signal(2, reset_less=True)
         up_saturation = Signal(2, reset_less=True)
         over = total ^ 0x1FF  # what is missing to twice white, and 1
@@ -148,17 +148,16 @@ class HLS(wiring.Component):
             up_saturation.eq(_up([_at_least(total, size) & _above(over, size) for size in SIZES])),
         ]
         products = []
-        for name, address, number, up in (
-            ("hue", delta, way, up_hue),
-            ("saturation", Cat(total, Const(1, 1)), delta, up_saturation),
+        for port, name, address, number, up in (
+            (0, "hue", delta, way, up_hue),
+            (1, "saturation", Cat(total, Const(1, 1)), delta, up_saturation),
         ):
-            port = table.read_port()
-            m.d.comb += [port.addr.eq(address), port.en.eq(1)]
+            m.d.comb += table.address[port].eq(address)
             number = delayed(m, number, 1, f"{name}_number")
             scaled = Signal(8, name=f"{name}_scaled", reset_less=True)
             m.d.sync += scaled.eq(Array(number << 2 * steps for steps in range(4))[up])
             m.submodules[f"multiply_{name}"] = multiply = Multiply(8, MULTIPLIER_BITS)
-            m.d.comb += [multiply.a.eq(scaled), multiply.b.eq(delayed(m, port.data, 1, f"{name}_factor"))]
+            m.d.comb += [multiply.a.eq(scaled), multiply.b.eq(table.word[port])]
             products.append(multiply.product)
 
         # 8: add and round

@@ -72,7 +72,7 @@ class Window(wiring.Component):
     reference = staticmethod(centroid.window)
 
     READ = 3
-    """Clocks from ``start`` to the first word: address, memory, register."""
+    """Clocks from ``start`` to the first word: address, memory, its register."""
 
     SUM = 4
     """Clocks from a word to the sums that hold it: subtract, three levels of additions."""
@@ -87,9 +87,9 @@ class Window(wiring.Component):
         m.submodules.divider = divider = self._divider
         columns_bits = (self.max_columns - 1).bit_length()
         word_bits, group_bits = columns_bits - 3, columns_bits - 2
-        m.submodules.words = words = BlockRam(8 * LANES, 2 << word_bits)
-        m.submodules.means_left = means_left = BlockRam(8, 2 << group_bits)
-        m.submodules.means_right = means_right = BlockRam(8, 2 << group_bits)
+        m.submodules.words = words = BlockRam(8 * LANES, 2 << word_bits, registered=True)
+        m.submodules.means_left = means_left = BlockRam(8, 2 << group_bits, registered=True)
+        m.submodules.means_right = means_right = BlockRam(8, 2 << group_bits, registered=True)
         means = (means_left, means_right)
         self._write(m, words.write, means_left.write, columns_bits)
         m.d.comb += [
@@ -123,12 +123,8 @@ class Window(wiring.Component):
 
         # Both ends' means are read at all times; those of the clock before `start` count.
         bank = self.row[0]
-        end_means = [Signal(8, name=f"end{at}", reset_less=True) for at in range(2)]
-        for ram, end, value in zip(
-            means, (Mux(self.take, next_left, left), Mux(self.take, next_right, right)), end_means, strict=True
-        ):
+        for ram, end in zip(means, (Mux(self.take, next_left, left), Mux(self.take, next_right, right)), strict=True):
             m.d.comb += [ram.read.en.eq(1), ram.read.addr.eq(Cat(end[2 : 2 + group_bits], bank))]
-            m.d.sync += value.eq(ram.read.data)
 
         # Steps after `start`: one-hot, 1 in the clock after.
         step = Signal(self.latency + 1)
@@ -163,7 +159,7 @@ class Window(wiring.Component):
         # The base, once the means are here: at most 255, for nothing rises above that.
         bases = [Signal(9, name=f"base{at}", reset_less=True) for at in range(2)]
         brighter = Signal(reset_less=True)
-        shown = [Mux(out, 0, mean) for out, mean in zip(outside, end_means, strict=True)]
+        shown = [Mux(out, 0, mean) for out, mean in zip(outside, (ram.read.data for ram in means), strict=True)]
         base = Signal(9, reset_less=True)
         with m.If(active):
             m.d.sync += [
@@ -185,7 +181,6 @@ class Window(wiring.Component):
             m.d.sync += index.eq(WORDS - 1)
         with m.Elif(index != 0):
             m.d.sync += index.eq(index - 1)
-        word = Signal(8 * LANES, reset_less=True)
         mask = Signal(LANES)
         lanes_low, lanes_high = Signal(LANES), Signal(LANES)
         is_last, reached = Signal(), Signal()
@@ -197,7 +192,6 @@ class Window(wiring.Component):
         with m.If(active):
             m.d.sync += [
                 reached.eq(~step[0] & (reached | is_last)),
-                word.eq(read.data),
                 mask.eq(
                     Mux(reached | is_last, 0xFF, 0) & Mux(index == 0, lanes_low, 0xFF) & Mux(is_last, lanes_high, 0xFF)
                 ),
@@ -208,7 +202,7 @@ class Window(wiring.Component):
         with m.If(active):
             for lane, value in enumerate(above):
                 left_over = Signal(signed(10), name=f"left_over{lane}")
-                m.d.comb += left_over.eq(word.word_select(lane, 8) - base)
+                m.d.comb += left_over.eq(read.data.word_select(lane, 8) - base)
                 m.d.sync += value.eq(Mux(mask[lane] & ~left_over[-1], left_over, 0))
             total, moment = _word_sums(m, above)
 
