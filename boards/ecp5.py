@@ -31,7 +31,7 @@ class Ecp5:
             p_REG_OUTPUT_CLK="CLK0",
             p_GSR="DISABLED",
             i_CLK0=ClockSignal(),
-            i_CE0=1,
+            i_CE0=multiply.enable,
             i_RST0=0,
             i_SOURCEA=0,
             i_SOURCEB=0,

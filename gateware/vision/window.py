@@ -8,7 +8,7 @@ from magtrak.reference import centroid
 from magtrak.reference.centroid import HALF_WIDTHS, LANES
 from magtrak.reference.fir import FRACTION
 
-from ..arithmetic import Multiply, SerialDivider
+from ..arithmetic import Multiply, SerialDivider, differences, sums
 from ..layouts import FrameSettings
 from ..memory import BlockRam
 from .pixels import MeasuredPixel
@@ -199,11 +199,13 @@ class Window(wiring.Component):
 
         # What rises above the base; sums and moments of a word.
         above = [Signal(8, name=f"above{lane}", reset_less=True) for lane in range(LANES)]
+        rests = []
+        for at in range(0, LANES, 4):
+            lanes = [(read.data.word_select(lane, 8), base) for lane in range(at, at + 4)]
+            rests += differences(m, lanes, 8, f"rests{at}")
         with m.If(active):
-            for lane, value in enumerate(above):
-                left_over = Signal(signed(10), name=f"left_over{lane}")
-                m.d.comb += left_over.eq(read.data.word_select(lane, 8) - base)
-                m.d.sync += value.eq(Mux(mask[lane] & ~left_over[-1], left_over, 0))
+            for lane, (value, rest) in enumerate(zip(above, rests, strict=True)):
+                m.d.sync += value.eq(Mux(mask[lane] & ~rest[-1] & ~base[-1], rest, 0))
             total, moment = _word_sums(m, above)
 
         # Step READ + SUM is the first in which the sums of a word are here.
@@ -281,12 +283,12 @@ def _word_sums(m: Module, values: list) -> tuple:
         return register
 
     v = values
-    pairs = [held(v[at] + v[at + 1], f"pair{at}") for at in range(0, 8, 2)]
-    odd = [held(v[1] + v[3], "odd0"), held(v[5] + v[7], "odd1")]
+    couples = sums(m, [(v[at], v[at + 1]) for at in range(0, 8, 2)], 8, "couples")
+    pairs = [held(value, f"pair{at}") for at, value in enumerate(couples)]
+    odd = [held(value, f"odd{at}") for at, value in enumerate(sums(m, [(v[1], v[3]), (v[5], v[7])], 8, "odds"))]
     # Number n = n0 + 2 * n1 + 4 * n2: bit 0 is set in the odd ones, bit 1 in pairs 1 and 3, bit 2 in pairs 2 and 3.
-    total = [held(pairs[0] + pairs[1], "total0"), held(pairs[2] + pairs[3], "total1")]
-    ones = held(odd[0] + odd[1], "ones")
-    twos = held(pairs[1] + pairs[3], "twos")
+    fourths = [(pairs[0], pairs[1]), (pairs[2], pairs[3]), (odd[0], odd[1]), (pairs[1], pairs[3])]
+    *total, ones, twos = (held(value, f"fourth{at}") for at, value in enumerate(sums(m, fourths, 9, "fourths")))
     low = held(ones + (twos << 1), "low")
     fours = held(total[1], "fours")
     return held(total[0] + total[1], "word_total"), low + (fours << 2)
