@@ -65,30 +65,30 @@ class Choose(wiring.Component):
 
         # Runs come at least two clocks apart, so the run still stands while it is taken, and the one before has been.
         compared, enough, wide, narrow = Signal(), Signal(), Signal(), Signal()
-        stronger, wider, nearer, outdoes, held = Signal(), Signal(), Signal(), Signal(), Signal()
+        stronger, better, outdoes, held = Signal(), Signal(), Signal(), Signal()
+        choice = Signal.like(self.settings.choice)  # far away, and known long before a run
         m.d.sync += [
             compared.eq(self.valid),
             enough.eq(run.gated >= self.settings.run_gated),
             wide.eq(run.width >= self.settings.run_width_min),
             narrow.eq(run.width <= self.settings.run_width_max),
-            stronger.eq(run.strength > best.strength),
-            wider.eq(run.width > best.width),
-            nearer.eq(run.away < best.away),
+            choice.eq(self.settings.choice),
             outdoes.eq(~self.other_found | (run.strength > other.strength)),
             held.eq(~self.other_found | (best.strength >= other.strength)),
         ]
-        better, counts = Signal(), Signal()
-        with m.Switch(self.settings.choice):
+        m.d.comb += stronger.eq(run.strength > best.strength)
+        with m.Switch(choice):
             with m.Case(Choice.FIRST):
-                m.d.comb += better.eq(0)
+                m.d.sync += better.eq(0)
             with m.Case(Choice.LAST):
-                m.d.comb += better.eq(1)
+                m.d.sync += better.eq(1)
             with m.Case(Choice.WIDEST):
-                m.d.comb += better.eq(wider)
+                m.d.sync += better.eq(run.width > best.width)
             with m.Case(Choice.NEAREST):
-                m.d.comb += better.eq(Mux(placed, nearer, stronger))
+                m.d.sync += better.eq(Mux(placed, run.away < best.away, stronger))
             with m.Default():
-                m.d.comb += better.eq(stronger)
+                m.d.sync += better.eq(stronger)
+        counts = Signal()
         m.d.comb += [
             counts.eq(compared & enough & wide & narrow & ~self.clear),
             self.take.eq(counts & (better | ~self.found)),

@@ -109,7 +109,7 @@ class Peak(wiring.Component):
                 other_found.eq(self.found & self.other_found),
                 own.eq(
                     self.chosen.second_found
-                    & (~self.other_found | (self.chosen.second.contrast >= self.other.strength))
+                    & (~self.other_found | (self.chosen.second_contrast >= self.other.strength))
                 ),
                 *assign(run, self.chosen, Run()),
                 *assign(other, self.other, Rival()),
@@ -133,7 +133,7 @@ class Peak(wiring.Component):
         with m.Elif(by_run):
             m.d.comb += [numerator.eq(self.chosen.moment), divisor.eq(self.chosen.sum)]
         with m.Else():
-            m.d.comb += [numerator.eq(self.chosen.crossing.rise), divisor.eq(self.chosen.crossing.contrast)]
+            m.d.comb += [numerator.eq(self.chosen.crossing.rise), divisor.eq(self.chosen.strength)]
         m.d.comb += [
             position.start.eq(self.taken),
             position.dividend.eq(numerator << FRACTION_BITS),
@@ -148,24 +148,20 @@ class Peak(wiring.Component):
             with m.If(own):
                 m.d.sync += [
                     rival.crossed.eq(1),
-                    rival.strength.eq(run.second.contrast),
+                    rival.strength.eq(run.second_contrast),
                     *assign(rival.crossing, run.second, Crossing()),
                 ]
             with m.Else():
                 m.d.sync += assign(rival, other, Rival())
         with m.If(steps[1]):
             m.d.sync += as_strong.eq(rival.strength >= run.strength)
-        placing = Signal()
-        with m.If(steps[1]):
-            m.d.sync += placing.eq(0)
-        with m.Elif(rival_divider.done):
-            m.d.sync += placing.eq(1)
-        with m.If(rival_divider.done & ~placing):
+        compared = steps[1 + rival_divider.latency]
+        with m.If(compared):
             m.d.sync += ratio.eq(Mux(as_strong, 255, rival_divider.quotient))
         m.d.comb += [
-            rival_divider.start.eq(steps[1] | (rival_divider.done & ~placing)),
+            rival_divider.start.eq(steps[1] | compared),
             rival_divider.dividend.eq(Mux(steps[1], rival.strength << 8, rival.crossing.rise << FRACTION_BITS)),
-            rival_divider.divisor.eq(Mux(steps[1], run.strength, rival.crossing.contrast)),
+            rival_divider.divisor.eq(Mux(steps[1], run.strength, rival.strength)),
         ]
         # The position, then the runner-up a clock later: pick, straighten, add. Nothing here moves but while a row is
         # at work, which spares a simulation the rest of the time.

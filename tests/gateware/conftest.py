@@ -11,7 +11,7 @@ _elaborate = BlockRam.elaborate
 def _inverted(self, platform):
     """As :meth:`BlockRam.elaborate`, but a word that is read while it is written comes inverted."""
     m = Module()
-    plain = BlockRam(self.shape, self.depth, self.init)
+    plain = BlockRam(self.shape, self.depth, self.init, registered=self.registered)
     m.submodules.plain = _elaborate(plain, platform)
     met, word = Signal(), Signal(self.shape)
     m.d.comb += [
@@ -23,8 +23,13 @@ def _inverted(self, platform):
         word.eq(plain.read.data),
         Value.cast(self.read.data).eq(Mux(met, ~Value.cast(word), Value.cast(word))),
     ]
+    meets = self.write.en & (self.write.addr == self.read.addr)
     with m.If(self.read.en):
-        m.d.sync += met.eq(self.write.en & (self.write.addr == self.read.addr))
+        if self.registered:
+            before = Signal()
+            m.d.sync += before.eq(meets)
+            meets = before
+        m.d.sync += met.eq(meets)
     return m
 
 
