@@ -33,7 +33,8 @@ class Features:
         :class:`~gateware.vision.background.Background`; 0: none is subtracted, ``ambient_mode`` has to be off
     isolate : the isolated-pixel filter, which holds a row; without it ``isolate`` has to be 0
     window : the centroid's second pass, over a memory of rows; without it ``centroid_window`` has to be the run
-    speed_loop : the motor's speed is controlled; without it the motor takes a duty only
+    speed_loop : the motor's speed is measured, controlled and watched; without it the motor takes a duty only, no fault
+        stops it, and ``motor_watch`` and ``laser_conditions`` have to be 0
     snapshot : pictures for people
 
     Raises

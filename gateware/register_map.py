@@ -68,6 +68,8 @@ def built(register: Register, features: Features) -> tuple[int, int, int]:
         "centroid_window": features.window,
         "snapshot": features.snapshot,
         "motor_mode": features.speed_loop,
+        "motor_watch": features.speed_loop,
+        "laser_conditions": features.speed_loop,
     }
     if not limits.get(register.name, True):
         high = int(MotorMode.DUTY) if register.name == "motor_mode" else 0

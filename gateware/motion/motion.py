@@ -1,6 +1,6 @@
 """Everything that turns, and the light that turns with it."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
@@ -15,6 +15,7 @@ from .index import Index
 from .interlock import Interlock, LaserState
 from .milliseconds import Milliseconds
 from .motor import SETTINGS_BASE, MotorControl, MotorState
+from .open_loop import OpenLoop
 from .quadrature import SYNCHRONISER_STAGES, Quadrature
 
 SAFETY = ("laser_state", "laser_cause", "motor_state", "motor_cause")
@@ -37,7 +38,8 @@ class Motion(wiring.Component):
 
     Parameters
     ----------
-    features : ``speed_loop`` counts
+    features : ``speed_loop`` counts: without it the motor is an :class:`~gateware.motion.open_loop.OpenLoop`, no
+        program is built, speed, state and cause of the motor stay 0, and ``laser_conditions`` may not ask for them
 
     Members
     -------
@@ -214,14 +216,68 @@ class Motion(wiring.Component):
             m.d.sync += self.encoder_fault.eq(fault_now)
 
         m.submodules.milliseconds = milliseconds = Milliseconds()
-        m.submodules.motor = motor = MotorControl(speed_loop=self.features.speed_loop)
         m.submodules.enable = enable = Interlock()
+        if self.features.speed_loop:
+            self._closed_loop(m, encoder, index, milliseconds.tick, then, enable.state.alive)
+        else:
+            self._open_loop(m)
+
+        # Light needs what is asked for of speed and angle, and an image that is to be lit.
+        asked, state, permitted = settings.laser_conditions, self.motor_state, Signal()
+        m.d.comb += permitted.eq(self.shutter & (~asked[0] | state.in_band) & (~asked[1] | state.in_sector))
+        whole, steady = Signal(), Signal()
+        safety = Signal(data.StructLayout(dict.fromkeys(SAFETY, 8)))
+        m.d.comb += [
+            milliseconds.clock_hz.eq(self.clock_hz),
+            enable.interlock.eq(self.interlock),
+            enable.tick.eq(milliseconds.tick),
+            enable.arm.eq(self.arm),
+            enable.key.eq(self.arm_key),
+            enable.renew.eq(self.renew),
+            enable.lease_ms.eq(settings.laser_lease_ms),
+            enable.delay_ms.eq(settings.laser_delay_ms),
+            enable.sound.eq(~state.stopped),
+            enable.permitted.eq(permitted),
+            self.laser.eq(enable.laser),
+            self.lamp.eq(enable.lamp),
+            self.laser_state.eq(enable.state),
+            self.laser_cause.eq(enable.cause),
+            self.laser_on_whole_frame.eq(whole & enable.state.emitting),
+            self.speed_in_band_whole_frame.eq(steady & state.in_band),
+            safety.laser_state.eq(enable.state.as_value()),
+            safety.laser_cause.eq(enable.cause),
+            safety.motor_state.eq(state.as_value()),
+            safety.motor_cause.eq(self.motor_cause),
+            self.safety.eq(safety),
+        ]
+        m.d.sync += [
+            whole.eq((whole | self.frame_first) & enable.state.emitting),
+            steady.eq((steady | self.frame_first) & state.in_band),
+        ]
+        return m
+
+    def _open_loop(self, m: Module) -> None:
+        """The motor without its program: state, cause and speed stay 0."""
+        m.submodules.motor = motor = OpenLoop()
+        m.d.comb += [
+            motor.settings.eq(self.settings),
+            self.pwm.eq(motor.pwm),
+            self.direction.eq(motor.direction),
+            self.brake.eq(motor.brake),
+            self.write.ready.eq(1),
+        ]
+
+    def _closed_loop(
+        self, m: Module, encoder: Quadrature, index: Index, tick: Value, then: Value, alive: Value
+    ) -> None:
+        """The motor with its program."""
+        m.submodules.motor = motor = MotorControl()
         m.d.comb += [
             motor.settings.eq(self.settings),
             motor.clock_hz.eq(self.clock_hz),
-            motor.tick.eq(milliseconds.tick),
+            motor.tick.eq(tick),
             motor.time.eq(then),
-            motor.alive.eq(enable.state.alive),
+            motor.alive.eq(alive),
             self.pwm.eq(motor.pwm),
             self.direction.eq(motor.direction),
             self.brake.eq(motor.brake),
@@ -244,37 +300,3 @@ class Motion(wiring.Component):
             motor.write.payload.value.eq(self.write.payload.value),
             self.write.ready.eq(motor.write.ready | ~ours),
         ]
-
-        # Light needs what is asked for of speed and angle, and an image that is to be lit.
-        asked, permitted = settings.laser_conditions, Signal()
-        m.d.comb += permitted.eq(self.shutter & (~asked[0] | motor.state.in_band) & (~asked[1] | motor.state.in_sector))
-        whole, steady = Signal(), Signal()
-        safety = Signal(data.StructLayout(dict.fromkeys(SAFETY, 8)))
-        m.d.comb += [
-            milliseconds.clock_hz.eq(self.clock_hz),
-            enable.interlock.eq(self.interlock),
-            enable.tick.eq(milliseconds.tick),
-            enable.arm.eq(self.arm),
-            enable.key.eq(self.arm_key),
-            enable.renew.eq(self.renew),
-            enable.lease_ms.eq(settings.laser_lease_ms),
-            enable.delay_ms.eq(settings.laser_delay_ms),
-            enable.sound.eq(~motor.state.stopped),
-            enable.permitted.eq(permitted),
-            self.laser.eq(enable.laser),
-            self.lamp.eq(enable.lamp),
-            self.laser_state.eq(enable.state),
-            self.laser_cause.eq(enable.cause),
-            self.laser_on_whole_frame.eq(whole & enable.state.emitting),
-            self.speed_in_band_whole_frame.eq(steady & motor.state.in_band),
-            safety.laser_state.eq(enable.state.as_value()),
-            safety.laser_cause.eq(enable.cause),
-            safety.motor_state.eq(motor.state.as_value()),
-            safety.motor_cause.eq(motor.cause),
-            self.safety.eq(safety),
-        ]
-        m.d.sync += [
-            whole.eq((whole | self.frame_first) & enable.state.emitting),
-            steady.eq((steady | self.frame_first) & motor.state.in_band),
-        ]
-        return m

@@ -50,7 +50,7 @@ class MotorState(data.Struct):
     in_sector: 1
 
 
-def motor_program(*, speed_loop: bool = True) -> Program:
+def motor_program() -> Program:
     """What a millisecond and an edge of the encoder bring about."""
     p = Program(tuple(INPUTS), FLAGS, OUTPUTS)
     for name in SETTINGS:
@@ -67,14 +67,11 @@ def motor_program(*, speed_loop: bool = True) -> Program:
     with p.when("tick"):
         SpeedMeter.program(p)
         _band(p)
-        if speed_loop:
-            Profile.program(p)
-            p.load("target")
-            p.output("target")
-            with p.when("active"):
-                SpeedLoop.program(p)
-        else:
-            p.variable("target", "failed")
+        Profile.program(p)
+        p.load("target")
+        p.output("target")
+        with p.when("active"):
+            SpeedLoop.program(p)
         MotorWatch.program(p)
     Sector.program(p)
     p.jump("wait")
@@ -113,10 +110,6 @@ class MotorControl(wiring.Component):
     is written ``OFF``.
 
     The speed is in its band while ``speed_low <= abs(speed) <= speed_high``, measured once a millisecond.
-
-    Parameters
-    ----------
-    speed_loop : False leaves out course and loop: there are no modes but ``OFF`` and ``DUTY``
 
     Members
     -------
@@ -159,23 +152,21 @@ class MotorControl(wiring.Component):
     cause: Out(8)
     sampled: Out(1)
 
-    def __init__(self, *, speed_loop: bool = True) -> None:
-        self.speed_loop = speed_loop
-        super().__init__()
-
     def elaborate(self, platform: object) -> Module:
         m = Module()
         settings, mode = self.settings, self.settings.motor_mode
-        m.submodules.sequencer = sequencer = Sequencer(motor_program(speed_loop=self.speed_loop), INPUTS)
+        m.submodules.sequencer = sequencer = Sequencer(motor_program(), INPUTS)
         m.submodules.driver = driver = Pwm()
         wiring.connect(m, wiring.flipped(self.write), sequencer.write)
         value, output = sequencer.value, sequencer.output
 
         closed, driven, active = Signal(), Signal(), Signal()  # the speed is controlled; the motor moves; it may
         stopped = self.state.stopped
-        if self.speed_loop:
-            m.d.comb += closed.eq((mode == MotorMode.SPEED) | (mode == MotorMode.SWEEP) | (mode == MotorMode.SEARCH))
-        m.d.comb += [driven.eq(closed | (mode == MotorMode.DUTY)), active.eq(closed & ~stopped)]
+        m.d.comb += [
+            closed.eq((mode == MotorMode.SPEED) | (mode == MotorMode.SWEEP) | (mode == MotorMode.SEARCH)),
+            driven.eq(closed | (mode == MotorMode.DUTY)),
+            active.eq(closed & ~stopped),
+        ]
 
         # What has been since the last tick that was seen.
         ticked, moved = Signal(), Signal()

@@ -7,12 +7,14 @@ from .errors import SettingsError
 from .protocol import FEATURES, Detector, MotorMode
 
 _NEEDS = {
-    # register: what it needs, the greatest value without, what people call the setting
-    "isolate": ("isolate", 0, "runs.neighbours"),
-    "centroid_window": ("window", 0, "peak.window"),
-    "motor_mode": ("speed_loop", int(MotorMode.DUTY), "motor.mode"),
-    "snapshot": ("snapshot", 0, "a snapshot"),
-    "ambient_mode": ("background", 0, "ambient.mode"),
+    # register: what it needs, the greatest value without, what people call the setting, what to do
+    "isolate": ("isolate", 0, "runs.neighbours", "set it to 0"),
+    "centroid_window": ("window", 0, "peak.window", "set it to 0, the whole run"),
+    "motor_mode": ("speed_loop", int(MotorMode.DUTY), "motor.mode", "use duty"),
+    "motor_watch": ("speed_loop", 0, "motor.watch", "leave it out"),
+    "laser_conditions": ("speed_loop", 0, "laser.needs_speed or laser.sector_deg", "leave it out"),
+    "snapshot": ("snapshot", 0, "a snapshot", "use another bitstream"),
+    "ambient_mode": ("background", 0, "ambient.mode", "set it to off"),
 }
 _NAMES = {
     "isolate": "filter of isolated pixels",
@@ -20,13 +22,6 @@ _NAMES = {
     "speed_loop": "speed loop",
     "snapshot": "snapshots",
     "background": "subtraction of ambient light",
-}
-_INSTEAD = {
-    "isolate": "set it to 0",
-    "window": "set it to 0, the whole run",
-    "speed_loop": "use duty",
-    "snapshot": "use another bitstream",
-    "background": "set it to off",
 }
 assert set(FEATURES) < set(_NAMES)
 
@@ -61,10 +56,10 @@ class Built:
         """:exc:`SettingsError` where one of the registers and words needs what is not built."""
         for name, words in values:
             if name in _NEEDS:
-                feature, greatest, setting = _NEEDS[name]
+                feature, greatest, setting, instead = _NEEDS[name]
                 if words[0] > greatest and not self.has(feature):
                     raise SettingsError(
-                        f"{setting} needs the {_NAMES[feature]}, which this card is built without: {_INSTEAD[feature]}"
+                        f"{setting} needs the {_NAMES[feature]}, which this card is built without: {instead}"
                     )
 
     def fitted(self, values: Mapping[str, int]) -> dict[str, int]:

@@ -5,6 +5,7 @@ import random
 
 import pytest
 
+from gateware.features import Features
 from gateware.motion import Motion
 from gateware.motion.angle import AngleLatch, EdgeLog
 from gateware.motion.index import Index
@@ -136,13 +137,25 @@ def test_swap_and_invert_move_nothing():
     )
 
 
-def test_motor_pins():
+@pytest.mark.parametrize("speed_loop", [True, False])
+def test_motor_pins(speed_loop):
     drive = {"settings.motor_mode": MotorMode.DUTY, "settings.motor_period": 64, "settings.motor_duty": -16384}
     stimulus = [dict(drive) for _ in range(600)]
     stimulus[400]["settings.motor_brake"] = 1
-    got = trace(Motion(), stimulus, ["pwm", "direction", "brake"])
+    got = trace(Motion(Features(speed_loop=speed_loop)), stimulus, ["pwm", "direction", "brake"])
     assert sum(got["pwm"][208:400]) == 96 and all(got["direction"][208:400])
     assert got["brake"] == [0] * 401 + [1] * 199 and not any(got["pwm"][401:])
+
+
+def test_without_the_program_the_motor_runs_out_in_other_modes_and_settings_are_taken():
+    stimulus = [{"settings.motor_period": 64, "settings.motor_duty": 16384, "write.valid": 1} for _ in range(700)]
+    for clock, mode in ((0, MotorMode.DUTY), (200, MotorMode.OFF), (300, MotorMode.SPEED)):
+        stimulus[clock]["settings.motor_mode"] = mode
+    stimulus[500]["settings.motor_mode"] = MotorMode.DUTY
+    got = trace(Motion(Features(speed_loop=False)), stimulus, ["pwm", "write.ready", "safety", "speed"])
+    assert any(got["pwm"][:200]) and not any(got["pwm"][201:300]) and not any(got["pwm"][450:500])
+    assert any(got["pwm"][500:]) and all(got["write.ready"])
+    assert not any(safety >> 16 for safety in got["safety"]) and not any(got["speed"])
 
 
 def test_laser_pins_and_the_image_they_light():

@@ -375,6 +375,8 @@ def test_reset_brings_back_what_is_read():
         ("isolate", {"isolate": False}, 1),
         ("centroid_window", {"window": False}, 1),
         ("motor_mode", {"speed_loop": False}, 2),
+        ("motor_watch", {"speed_loop": False}, 1),
+        ("laser_conditions", {"speed_loop": False}, 1),
         ("snapshot", {"snapshot": False}, 1),
     ],
 )

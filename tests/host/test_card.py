@@ -11,7 +11,7 @@ from magtrak.card import Card
 from magtrak.errors import CardError, EndOfStreamError, SettingsError
 from magtrak.link import Link
 from magtrak.motor import Motor
-from magtrak.settings import Ambient, Peak, Runs, Settings
+from magtrak.settings import Ambient, LaserSwitch, Peak, Runs, Settings
 from tests.support.fake_card import FakeCard
 from tests.support.frames import CLOCK_HZ, Recorder
 
@@ -74,6 +74,8 @@ def test_a_command_whose_answer_is_lost_is_sent_again_and_the_order_stays() -> N
         ({"features": 0b1110}, Settings(runs=Runs(neighbours=2)), "runs.neighbours needs the filter .*: set it to 0"),
         ({"features": 0b1101}, Settings(peak=Peak("centroid")), "peak.window needs the windowed .* the whole run"),
         ({"features": 0b1011}, Settings(motor=Motor(mode="speed")), "motor.mode needs the speed loop.*: use duty"),
+        ({"features": 0b1011}, Settings(motor=Motor(watch=("stall",))), "motor.watch needs the speed .*: leave it out"),
+        ({"features": 0b1011}, Settings(laser=LaserSwitch(needs_speed=True)), "laser.needs_speed .*: leave it out"),
     ],
 )
 def test_settings_that_need_what_a_card_is_built_without_are_refused(identity, settings, message) -> None:  # type: ignore[no-untyped-def]
