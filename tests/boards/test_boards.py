@@ -73,7 +73,7 @@ def test_every_board_elaborates_with_its_picture_and_a_camera(name, link, source
 def test_the_small_card_elaborates_in_full():
     """The large one is built in full elsewhere."""
     files = plan(BOARDS["icebreaker"]).files
-    assert "top.card.core.vision" in files["top.il"]
+    assert "top.card.core.pixels.vision" in files["top.il"]
 
 
 @pytest.mark.parametrize("name", BOARDS)
