@@ -154,6 +154,8 @@ class CardDriver:
         ``pause`` clocks follow it.
         """
         dut, rng, clock = self.dut, self.rng, self.pixel_clk
+        if self.pixel_clock:  # the caller has the card's clock
+            await FallingEdge(clock)
         for y, row in enumerate(image.tolist()):
             clocks = 0
             for x, (r, g, b) in enumerate(row):

@@ -48,7 +48,7 @@ async def test_every_image_has_the_settings_of_its_generation(dut):
 
     async def host():
         for generation in range(2, 12):
-            settings, luts = sets[generation - 1]
+            settings, _ = sets[generation - 1]
             new, tables = random_settings(rng, 40)
             changed = {name: value for name, value in new.items() if value != settings[name] and rng.random() < 0.5}
             sets[generation] = (settings | changed, tables)
@@ -100,7 +100,7 @@ async def test_snapshots_are_whole(dut):
     await card.write("snapshot", 7)
     assert await card.read("snapshot_busy") == 1
     for _ in range(30):
-        await card.show(image, pause=400)
+        await card.show(image, pause=4000)  # a piece has to fit between two frames
         if card.pieces and card.pieces[-1][0]["pixels"] == 0:
             break
     assert await card.read("snapshot_busy") == 0
@@ -187,6 +187,7 @@ async def test_stamps_are_as_late_as_they_say(dut):
     card, _ = await running(dut)
     errors = []
     for _ in range(12):
+        await FallingEdge(card.pixel_clk)
         before = get_sim_time("ps")
         await card.show(np.zeros((10, 32, 3), np.uint8), pause=1500 + card.rng.randrange(50))
         await card.until("a frame", lambda: card.frames)
@@ -201,6 +202,7 @@ async def test_stamps_are_as_late_as_they_say(dut):
 async def test_noise_ends_with_the_noise(dut):
     card, settings = await running(dut)
     rng = card.rng
+    await FallingEdge(card.pixel_clk)
     for _ in range(4000):
         begins = rng.random() < 0.02
         dut.video_valid.value = rng.random() < 0.8
