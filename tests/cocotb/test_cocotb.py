@@ -32,4 +32,5 @@ def test_core(name):
     ],
 )
 def test_two_clocks(name, pixel_ps):
-    simulate_cocotb(card_verilog(own_clock=True), "tests.cocotb.tb_clocks", name, variables={"PIXEL_PS": str(pixel_ps)})
+    variables = {"PIXEL_PS": str(pixel_ps)}
+    simulate_cocotb(card_verilog(own_clock=True), "tests.cocotb.tb_clocks", name, variables=variables, optimise=False)
