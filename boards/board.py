@@ -33,8 +33,11 @@ ROWS_1024 = Features(max_rows=1024)
 SERIAL = 1
 """Serial number of the card; ``SERIAL=`` of ``make bitstream`` gives each one of its own."""
 
-SYNTHESIS = {"ecp5": "-nowidelut", "ice40": ""}
+SYNTHESIS = {"ecp5": "-nowidelut", "ice40": "-dsp -device u"}
 """Options of Yosys's ``synth_ecp5`` and ``synth_ice40``; ``docs/boards/README.md`` tells what they bring."""
+
+BEFORE_SYNTHESIS = {"ecp5": "", "ice40": "setattr -unset init a:before_reading"}
+"""What Yosys does first: see :class:`gateware.memory.BlockRam`."""
 
 PLACEMENT = "--report report.json --seed 1 --timing-allow-fail"
 """Options of nextpnr; that timing is met is checked afterwards, in the report."""
@@ -163,5 +166,10 @@ class _Tools:
 
     def toolchain_prepare(self, fragment, name, **options):
         family = "ecp5" if self.vendor is LatticeECP5Platform else "ice40"
-        ours = {"synth_opts": SYNTHESIS[family], "nextpnr_opts": PLACEMENT, "emit_src": False}
+        ours = {
+            "synth_opts": SYNTHESIS[family],
+            "script_after_read": BEFORE_SYNTHESIS[family],
+            "nextpnr_opts": PLACEMENT,
+            "emit_src": False,
+        }
         return super().toolchain_prepare(fragment, name, **{**ours, **options})

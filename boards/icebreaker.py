@@ -51,8 +51,10 @@ and interlock each need a resistor of 10 kohm to ground, without which an open i
             background_cells=0,
             isolate=False,
             window=False,
+            runs=False,
             speed_loop=False,
             snapshot=False,
+            edge_log=False,
         ),
     )
 ]

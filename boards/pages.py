@@ -4,12 +4,27 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
+from gateware.features import Features
+
 from . import ecpix5, icebreaker, icepi_zero, orangecrab, ulx3s
-from .board import Board
+from .board import ROWS_1024, Board
 from .wiring import INVERTED, ROLES
 
 PAGES = Path(__file__).resolve().parent.parent / "docs" / "boards"
 MODULES: tuple[ModuleType, ...] = (ulx3s, ecpix5, orangecrab, icepi_zero, icebreaker)
+
+_PARTS = {
+    "runs": "runs of grey values: the one detector is `binary`, the paper's mean column of the gated pixels"
+    " (`--settings paper`); no peak, intensity or runner-up",
+    "isolate": "filter of isolated pixels",
+    "window": "windowed centroid",
+    "background_cells": "subtraction of ambient light",
+    "speed_loop": "speed loop: the motor takes a duty",
+    "edge_log": "edge log: a row's angle follows from the latches at the first and the last row of each image, as exact"
+    " at constant speed",
+    "snapshot": "snapshots",
+}
+"""What a card may be built without, for people."""
 
 _DIRECTIONS = {"i": "in", "o": "out", "io": "both"}
 
@@ -36,6 +51,7 @@ def page(module: ModuleType) -> str:
         "",
         first.about,
         "",
+        *_built(first.features),
         "## Links",
         "",
         "| `LINK=` | where |",
@@ -61,6 +77,23 @@ def page(module: ModuleType) -> str:
     if missing:
         lines += [f"Not wired here: {', '.join(f'`{one}`' for one in missing)}.", ""]
     return "\n".join(lines)
+
+
+def _built(features: Features) -> list[str]:
+    """What a card is built with, where that is not everything."""
+    if features == ROWS_1024:
+        return []
+    without = [what for name, what in _PARTS.items() if not getattr(features, name)]
+    return [
+        "## Built with",
+        "",
+        f"Images of up to {features.max_columns} x {features.max_rows} px. Without:",
+        "",
+        *(f"- {what}" for what in without),
+        "",
+        "Settings that need one of these are refused, and `magtrak info` tells what the card has.",
+        "",
+    ]
 
 
 def rows(board: Board) -> Iterator[str]:

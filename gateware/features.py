@@ -33,14 +33,19 @@ class Features:
         :class:`~gateware.vision.background.Background`; 0: none is subtracted, ``ambient_mode`` has to be off
     isolate : the isolated-pixel filter, which holds a row; without it ``isolate`` has to be 0
     window : the centroid's second pass, over a memory of rows; without it ``centroid_window`` has to be the run
+    runs : grey values are measured; without it only the gated pixels are, as the paper does: ``detector`` has to be
+        ``BINARY`` and ``floor`` 255, see :class:`~gateware.vision.gated.GatedVision`. What works on grey values
+        (background, ``isolate``, ``window``, ``snapshot``) cannot be built then.
     speed_loop : the motor's speed is measured, controlled and watched; without it the motor takes a duty only, no fault
         stops it, and ``motor_watch`` and ``laser_conditions`` have to be 0
     snapshot : pictures for people
+    edge_log : frames carry the encoder's edges; without it a row's angle follows from the latches at the first and the
+        last row alone, which is as exact while the speed is constant
 
     Raises
     ------
     ValueError
-        A limit is out of range.
+        A limit is out of range, or a part is built without another that it needs.
     """
 
     max_columns: int = 2048
@@ -48,8 +53,10 @@ class Features:
     background_cells: int = DEFAULT_CELLS
     isolate: bool = True
     window: bool = True
+    runs: bool = True
     speed_loop: bool = True
     snapshot: bool = True
+    edge_log: bool = True
 
     @property
     def compact_rows(self) -> int:
@@ -65,6 +72,10 @@ class Features:
             raise ValueError(
                 f"background_cells is {self.background_cells}; 0 and {MIN_CELLS} to {2048 * 2048} are possible"
             )
+        needs = ("background_cells", "isolate", "window", "snapshot")
+        without = [name for name in needs if getattr(self, name)]
+        if not self.runs and without:
+            raise ValueError(f"{', '.join(without)} cannot be built without runs: leave out these as well")
 
 
 EVERYTHING = Features()

@@ -27,8 +27,11 @@ class BlockRam(wiring.Component):
     more, in the slowest path of the card. Here a read port without a clock stands before a register: for that
     the attribute ``no_rw_check`` tells Yosys that no such promise is wanted, and it takes both as one port.
 
+    Nor may it matter what stands there before anything was read. An iCE40's block RAM cannot begin with 0, which would
+    take a cell at each bit; by the attribute ``before_reading`` the boards tell Yosys that it need not.
+
     Every user says why it never meets that case, or why the word does not matter then; the tests of ``gateware``
-    run with an inverted word in its place (``tests/gateware/conftest.py``).
+    run with an inverted word in its place, and with ones before anything was read (``tests/gateware/conftest.py``).
 
     Parameters
     ----------
@@ -82,7 +85,7 @@ class BlockRam(wiring.Component):
         words = memory.Memory(shape=self.shape, depth=self.depth, init=self.init, attrs=attrs)
         m.submodules.words = words
         write, read = words.write_port(), words.read_port(domain="comb")
-        word = Signal(self.shape, reset_less=True)
+        word = Signal(self.shape, reset_less=True, attrs={"before_reading": 1})
         m.d.comb += [
             write.addr.eq(self.write.addr),
             write.data.eq(self.write.data),

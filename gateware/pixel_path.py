@@ -14,6 +14,7 @@ from .frame.admission import SHORTEST_CLOCKS, Admission
 from .frame.facts import VisionFacts
 from .frame.snapshot import Snapshot
 from .layouts import CameraErrors, Field, FrameSettings, LutWrite, NowSettings, Packets, Rows, Video
+from .vision.gated import GatedVision
 from .vision.vision import Vision
 
 SHORTEST_PIXELS = FASTEST * (SHORTEST_CLOCKS + 4)
@@ -81,7 +82,7 @@ class PixelPath(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.admission = admission = Admission()
-        m.submodules.vision = vision = Vision(self.features)
+        m.submodules.vision = vision = Vision(self.features) if self.features.runs else GatedVision(self.features)
         connect(m, flipped(self.video), admission.i)
         connect(m, admission.video, vision.video)
         connect(m, vision.rows, flipped(self.rows))
@@ -91,12 +92,12 @@ class PixelPath(wiring.Component):
             self.source_run.eq(self.run),
             self.wanted.eq(self.run),
             vision.settings.eq(self.settings),
-            vision.background.eq(self.background),
-            self.subtracted.eq(vision.subtracted),
             self.vision.errors.eq(vision.errors),
             self.vision.columns.eq(vision.image_columns),
             self.errors_ever.eq(vision.errors_ever),
         ]
+        if self.features.runs:
+            m.d.comb += [vision.background.eq(self.background), self.subtracted.eq(vision.subtracted)]
         for name in ("frame_first", "row_first", "frame_end", "refused", "field"):
             m.d.comb += getattr(self, name).eq(getattr(admission, name))
         if self.features.snapshot:
@@ -138,9 +139,16 @@ class ClockedPixelPath(wiring.Component):
     ----------
     features : as of :class:`PixelPath`
     domain : name of the domain of ``video``
+
+    Raises
+    ------
+    ValueError
+        The card is built without ``runs``: a small one, which is measured in ``sync``.
     """
 
     def __init__(self, features: Features, domain: str) -> None:
+        if not features.runs:
+            raise ValueError("a card without runs has no clock of its own for the pixels: leave it in sync")
         self.features = features
         self.domain = domain
         super().__init__(_MEMBERS)

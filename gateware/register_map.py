@@ -70,10 +70,13 @@ def built(register: Register, features: Features) -> tuple[int, int, int]:
         "motor_mode": features.speed_loop,
         "motor_watch": features.speed_loop,
         "laser_conditions": features.speed_loop,
+        "detector": features.runs,
     }
     if not limits.get(register.name, True):
         high = int(MotorMode.DUTY) if register.name == "motor_mode" else 0
-    return low, high, min(register.init, high)
+    if register.name == "floor" and not features.runs:
+        low = high  # no mix exceeds it
+    return low, high, max(low, min(register.init, high))
 
 
 assert all(r.words == LUT_WORDS for r in TABLES)

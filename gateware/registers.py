@@ -273,7 +273,8 @@ class RegisterFile(wiring.Component):
                     m.d.sync += at.eq(TABLE_BASE + axis)
 
     def _write(self, m, register, command, shadow, pending, marked, written, code):
-        """Statements that write the command's value into ``register``."""
+        """Statements that write the command's value into ``register``; one that has but one value takes no cells."""
+        lowest, highest, _ = built(register, self.features)
         if register in TABLES:
             axis = TABLES.index(register)
             m.d.sync += [
@@ -284,7 +285,7 @@ class RegisterFile(wiring.Component):
             m.d.sync += [pending.eq(1), marked.eq(command.value), code.eq(AnswerCode.PENDING)]
         elif register.name == "laser_arm":
             m.d.sync += [self.arm.eq(1), self.arm_key.eq(command.value)]
-        else:
+        elif lowest != highest:
             values = shadow if register.scope is Scope.FRAME else self.now
             m.d.sync += values[register.name].eq(command.value)
 

@@ -49,13 +49,16 @@ class Outputs:
 
 
 @cache
-def library(pattern: tuple[int, int, int] | None = None) -> ctypes.CDLL:
+def library(pattern: tuple[int, int, int] | None = None, board: str = "") -> ctypes.CDLL:
     """The compiled card; the first call on a machine compiles it, which takes a while.
 
-    ``pattern`` as in :func:`sim.verilator.card_verilog`; such a card is compiled quickly, and slower.
+    ``pattern`` and ``board`` as in :func:`sim.verilator.card_verilog`; with a
+    pattern it is compiled quickly, and slower.
     """
     harness = Path(__file__).with_name("harness.cpp")
-    return load(verilator.compile_library(verilator.card_verilog(pattern), harness, "" if pattern else "sim.training"))
+    return load(
+        verilator.compile_library(verilator.card_verilog(pattern, board), harness, "" if pattern else "sim.training")
+    )
 
 
 def load(path: Path) -> ctypes.CDLL:

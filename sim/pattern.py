@@ -27,18 +27,19 @@ SLICE = 250
 """Clocks between two looks at the host."""
 
 
-def run_pattern(link: Path | None, serial: int, *, real_time: bool) -> None:
+def run_pattern(link: Path | None, serial: int, board: str, *, real_time: bool) -> None:
     """Run until ended by a signal.
 
     Parameters
     ----------
     link : as in :class:`~sim.terminal.Terminal`
     serial : the card's serial number
+    board : the board whose card it is; empty: it has everything
     real_time : keep to the wall clock where the machine is fast enough, and drop what the host does not read;
         otherwise card time stands still while it does not
     """
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the link goes when the card is told to end
-    compiled = library((COLUMNS, ROWS, PERIOD))
+    compiled = library((COLUMNS, ROWS, PERIOD), board)
     terminal = Terminal(link)
     core = SimulatedCore(CLOCK_HZ, BYTES_PER_SECOND, serial, compiled)
     try:

@@ -23,6 +23,7 @@ def run(
     *,
     scene: str | None,
     pattern: bool,
+    board: str | None,
     frames: Path | None,
     angles: Path | None,
     counts_per_turn: int,
@@ -55,8 +56,10 @@ def run(
         ):
             if value is not None:
                 raise SimError(f"{name} does not go with --pattern: the picture is the card's own.")
-        run_pattern(link, number, real_time=pace == "real")
+        run_pattern(link, number, board or "", real_time=pace == "real")
         return
+    if board is not None:
+        raise SimError("--board goes with --pattern; other virtual cards are built with everything.")
     if scene is not None:
         if angles is not None:
             raise SimError("--angles goes with --frames: a scene has a motor of its own.")

@@ -38,8 +38,9 @@ class Motion(wiring.Component):
 
     Parameters
     ----------
-    features : ``speed_loop`` counts: without it the motor is an :class:`~gateware.motion.open_loop.OpenLoop`, no
-        program is built, speed, state and cause of the motor stay 0, and ``laser_conditions`` may not ask for them
+    features : ``speed_loop`` and ``edge_log`` count. Without speed loop the motor is an
+        :class:`~gateware.motion.open_loop.OpenLoop`, no program is built, speed, state and cause of the motor stay 0,
+        and ``laser_conditions`` may not ask for them
 
     Members
     -------
@@ -55,7 +56,7 @@ class Motion(wiring.Component):
     take, taken : strobes, the edge log of an image is wanted; is ready to be read
     first, last : latches of the first and the last row
     encoder_fault : an illegal transition, or a wrong turn, between the last two ``take``
-    edges, edge_shift : entries of the edge log, and which edges they are
+    edges, edge_shift : entries of the edge log, and which edges they are; 0 without a log
     edge_index, edge : entry to read; the entry, a clock later
     count : now, :meth:`latency` clocks late
     index_time, pass_count, index_passes, index_seen, index_difference : last pass of the index
@@ -196,18 +197,19 @@ class Motion(wiring.Component):
             self.last.eq(latch.last),
         ]
 
-        m.submodules.log = log = EdgeLog()
-        m.d.comb += [
-            log.edge.eq(encoder.edge),
-            log.backward.eq(encoder.backward),
-            log.count.eq(encoder.count),
-            log.time.eq(then),
-            log.take.eq(take),
-            log.index.eq(self.edge_index),
-            self.edges.eq(log.entries),
-            self.edge_shift.eq(log.shift),
-            self.edge.eq(log.entry),
-        ]
+        if self.features.edge_log:
+            m.submodules.log = log = EdgeLog()
+            m.d.comb += [
+                log.edge.eq(encoder.edge),
+                log.backward.eq(encoder.backward),
+                log.count.eq(encoder.count),
+                log.time.eq(then),
+                log.take.eq(take),
+                log.index.eq(self.edge_index),
+                self.edges.eq(log.entries),
+                self.edge_shift.eq(log.shift),
+                self.edge.eq(log.entry),
+            ]
 
         fault, fault_now = Signal(), Signal()
         m.d.comb += fault_now.eq(fault | encoder.illegal | index.wrong)

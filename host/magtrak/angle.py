@@ -181,14 +181,20 @@ class AngleTracker:
 
     def push(self, frame: Frame) -> list[tuple[Frame, RowAngles]]:
         """Take the next frame; give those whose angles are known now, in order."""
-        before = self._last_frame
+        before, count_before = self._last_frame, self._last_count
         if before is None:
             self._last_count = frame.header["last_count"]
         else:
             self._last_count += wrapped_difference(frame.header["last_count"], before.header["last_count"])
         follows = before is not None and frame.number == before.number + 1
         shift = before.header["edge_shift"] if before is not None else 0
-        self._edges += edges_of_frame(frame, self._last_count, follows=follows, shift_before=shift)
+        self._edges += edges_of_frame(
+            frame,
+            self._last_count,
+            follows=follows,
+            shift_before=shift,
+            count_before=None if before is None else count_before,
+        )
         self._last_frame = frame
         self._waiting.append((frame, self._last_count))
         ready = []

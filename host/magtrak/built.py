@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from .errors import SettingsError
-from .protocol import FEATURES, Detector, MotorMode
+from .protocol import FEATURES, Detector, MotorMode, register
 
 _NEEDS = {
     # register: what it needs, the greatest value without, what people call the setting, what to do
@@ -15,6 +15,7 @@ _NEEDS = {
     "laser_conditions": ("speed_loop", 0, "laser.needs_speed or laser.sector_deg", "leave it out"),
     "snapshot": ("snapshot", 0, "a snapshot", "use another bitstream"),
     "ambient_mode": ("background", 0, "ambient.mode", "set it to off"),
+    "detector": ("runs", int(Detector.BINARY), "peak.detector", "set it to binary, as the settings 'paper' have it"),
 }
 _NAMES = {
     "isolate": "filter of isolated pixels",
@@ -22,8 +23,13 @@ _NAMES = {
     "speed_loop": "speed loop",
     "snapshot": "snapshots",
     "background": "subtraction of ambient light",
+    "runs": "measurement of grey values",
+    "edge_log": "log of encoder edges",
 }
 assert set(FEATURES) < set(_NAMES)
+
+FLOOR_WITHOUT_RUNS = register("floor").range[1]
+"""What the floor has to be where no grey values are measured: no mix exceeds it."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +67,18 @@ class Built:
                     raise SettingsError(
                         f"{setting} needs the {_NAMES[feature]}, which this card is built without: {instead}"
                     )
+            if name == "floor" and words[0] != FLOOR_WITHOUT_RUNS and not self.has("runs"):
+                raise SettingsError(
+                    f"weight.floor needs the {_NAMES['runs']}, which this card is built without: leave it out"
+                )
 
     def fitted(self, values: Mapping[str, int]) -> dict[str, int]:
-        """The registers, without what would not be used and is not built: the window of another detector."""
-        if self.has("window") or values["detector"] == Detector.CENTROID:
-            return dict(values)
-        return {**values, "centroid_window": 0}
+        """The registers, without what would not be used and is not built: the window of another detector, and the floor
+        where no grey values are measured.
+        """
+        fitted = dict(values)
+        if not self.has("window") and values["detector"] != Detector.CENTROID:
+            fitted["centroid_window"] = 0
+        if not self.has("runs"):
+            fitted["floor"] = FLOOR_WITHOUT_RUNS
+        return fitted

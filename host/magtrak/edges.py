@@ -87,8 +87,11 @@ def wrapped_difference(a: int, b: int, bits: int = 32) -> int:
     return ((a - b + half) & ((1 << bits) - 1)) - half
 
 
-def edges_of_frame(frame: Frame, last_count: int, *, follows: bool, shift_before: int) -> Edges:
-    """The edges that a frame tells of.
+def edges_of_frame(
+    frame: Frame, last_count: int, *, follows: bool, shift_before: int, count_before: int | None = None
+) -> Edges:
+    """The edges that a frame tells of. Where the log has none, and the counts have changed all the same, the card has
+    no log: then those that the latches tell of.
 
     Parameters
     ----------
@@ -96,8 +99,11 @@ def edges_of_frame(frame: Frame, last_count: int, *, follows: bool, shift_before
     last_count : its ``last_count``, unwrapped over the stream
     follows : the frame before was received, so that the log goes on where its log ended
     shift_before : ``edge_shift`` of the frame before
+    count_before : ``last_count`` of the frame before, unwrapped, where it is known
     """
     header = frame.header
+    if not len(frame.edges["time"]):
+        return _of_latches(header, last_count, count_before)
     last_time = header["last_time"]
     low = frame.edges["time"]
     time = last_time + _AFTER_CLOCKS - ((last_time + _AFTER_CLOCKS - low) & 0xFFFF_FFFF)
@@ -113,6 +119,23 @@ def edges_of_frame(frame: Frame, last_count: int, *, follows: bool, shift_before
     table[4] = unlogged
     edges = _plausible(Edges(table), header)
     return edges if follows else _with_first_latch(edges, frame, last_count)
+
+
+def _of_latches(header: Mapping[str, int], last_count: int, count_before: int | None) -> Edges:
+    """The last edge before the first row and that before the last row, at most.
+
+    Which way an edge went is told by the counts of two latches: where the encoder turned round between them it may have
+    been the other way, and the edge lies a count off.
+    """
+    first_count = last_count + wrapped_difference(header["first_count"], header["last_count"])
+    if count_before is None:
+        count_before = 2 * first_count - last_count  # as it went on
+    found = []
+    for row, count, before in (("first", first_count, count_before), ("last", last_count, first_count)):
+        if count != before and header[f"{row}_age"] != SATURATED_AGE:
+            down = int(count < before)
+            found.append((header[f"{row}_time"] - header[f"{row}_age"], count + down, count, count - 1 + 2 * down, -1))
+    return Edges(np.array(sorted(found), np.int64).reshape(-1, 5).T)
 
 
 def _plausible(edges: Edges, header: Mapping[str, int]) -> Edges:

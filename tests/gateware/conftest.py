@@ -1,4 +1,4 @@
-"""All simulations here show where a block RAM is read and written at once."""
+"""All simulations here show where a block RAM is read and written at once, or used before it was read."""
 
 import pytest
 from amaranth.hdl import Module, Mux, Signal, Value
@@ -9,11 +9,13 @@ _elaborate = BlockRam.elaborate
 
 
 def _inverted(self, platform):
-    """As :meth:`BlockRam.elaborate`, but a word that is read while it is written comes inverted."""
+    """As :meth:`BlockRam.elaborate`, but a word that is read while it is written comes inverted, and ones stand there
+    before anything was read.
+    """
     m = Module()
     plain = BlockRam(self.shape, self.depth, self.init, registered=self.registered)
     m.submodules.plain = _elaborate(plain, platform)
-    met, word = Signal(), Signal(self.shape)
+    met, word = Signal(init=1), Signal(self.shape)
     m.d.comb += [
         plain.write.addr.eq(self.write.addr),
         plain.write.data.eq(self.write.data),

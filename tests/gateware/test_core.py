@@ -13,6 +13,7 @@ from gateware.verilog import verilog
 from magtrak import protocol
 from magtrak.protocol import (
     COMMAND,
+    FEATURES,
     FRAME,
     FRAME_FLAGS,
     FULL_ROW,
@@ -286,9 +287,14 @@ def test_a_second_commit_leaves_the_gate_as_it_is():
     run(test)
 
 
-def test_the_smallest_card_measures_and_refuses_the_rest():
+@pytest.mark.parametrize("runs", [True, False])
+def test_the_smallest_card_measures_and_refuses_the_rest(runs):
+    """With grey values, and without, by the paper's detector."""
+    built = {"detector": 1, "floor": 20} if runs else {"detector": 0, "floor": 255}
+
     async def test(rig):
-        assert await rig.read("features") == await rig.read("background_cells") == 0
+        assert await rig.read("features") == runs << FEATURES.index("runs")
+        assert await rig.read("background_cells") == 0
         answer = await rig.write("snapshot", 1)
         assert answer["code"] == AnswerCode.OUT_OF_RANGE
         await open_gate(rig)
@@ -296,10 +302,16 @@ def test_the_smallest_card_measures_and_refuses_the_rest():
         await rig.write("run", 1)
         await rig.show(line_image())
         header, rows = await rig.frame()
-        assert header["frame"] == 0
-        assert rows == expected(line_image(), SETTINGS | {"centroid_window": 0})
+        assert (header["frame"], header["detector"]) == (0, built["detector"])
+        assert rows == expected(line_image(), SETTINGS | {"centroid_window": 0, **built})
+        assert all(row["gated"] for row in rows)
 
-    run(test, features=Features(64, 16, 0, isolate=False, window=False, speed_loop=False, snapshot=False))
+    run(test, features=Features(64, 16, 0, isolate=False, window=False, speed_loop=False, snapshot=False, runs=runs))
+
+
+def test_what_needs_grey_values_is_not_built_without_them():
+    with pytest.raises(ValueError, match="background_cells, window cannot be built without runs"):
+        Features(isolate=False, snapshot=False, runs=False)
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(31, 16), (2049, 16), (64, 12), (64, 4096), (64, 1)])

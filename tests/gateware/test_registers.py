@@ -81,7 +81,7 @@ def test_every_register_reads_its_value_after_reset():
         "max_columns": 640,
         "max_rows": 512,
         "background_cells": 1000,
-        "features": 0xF,
+        "features": 0x3F,
     }
 
     async def test(host):
@@ -390,9 +390,32 @@ def test_what_is_not_built_is_out_of_range(name, without, value):
         assert await host.write(name, value) == (CODES.OUT_OF_RANGE, least)
         assert (await host.write(name, least))[0] is CODES.DONE
         _, built = await host.read("features")
-        assert built == 0xF & ~sum(1 << n for n, feature in enumerate(protocol.FEATURES) if feature in without)
+        assert built == 0x3F & ~sum(1 << n for n, feature in enumerate(protocol.FEATURES) if feature in without)
 
     simulate(dut, testbench, clocks=2000)
+
+
+def test_without_runs_only_the_paper_s_detector_and_no_grey_values():
+    """All other settings of the runs can be set: they make no difference."""
+    dut = RegisterFile(
+        Features(background_cells=0, isolate=False, window=False, runs=False, snapshot=False, edge_log=False)
+    )
+
+    async def testbench(ctx):
+        host = Host(ctx, dut)
+        assert await host.read("features") == (CODES.DONE, 1 << protocol.FEATURES.index("speed_loop"))
+        for name, only in (("detector", protocol.Detector.BINARY), ("floor", 255)):
+            assert await host.read(name) == (CODES.DONE, only)
+            assert (await host.write(name, only))[0] is CODES.DONE
+            assert await host.write(name, 1) == (CODES.OUT_OF_RANGE, only)
+        for name in ("weight_r", "run_reach", "choice", "ambiguous_ratio", "run_width_max"):
+            assert (await host.write(name, 3))[0] is CODES.DONE
+        await host.write("commit", 1)
+        await host.frame()
+        assert (ctx.get(dut.frame.detector), ctx.get(dut.frame.floor)) == (0, 255)
+        assert await host.read("run_width_max") == (CODES.DONE, 3)
+
+    simulate(dut, testbench, clocks=3000)
 
 
 def test_arming_is_a_strobe_with_the_key():

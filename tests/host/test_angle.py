@@ -1,6 +1,7 @@
 """The encoder's position at each row, against movements that are known."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,6 +22,17 @@ def track(recorder: Recorder, count: int, time_offset_s: float = 0.0, lost: tupl
     truth = [recorder.movement(recorder.row_times(frame.number) + time_offset_s) for frame, _ in found]
     errors = np.array([angles.counts - p for (_, angles), p in zip(found, truth, strict=True)])
     return errors + recorder.index_count, np.array([angles.standing for _, angles in found])
+
+
+def track_without_log(recorder: Recorder, count: int):
+    """As :func:`track`, of a card without edge log."""
+    tracker = AngleTracker(CLOCK_HZ)
+    frames = [decode_frame(payload) for payload in recorder.payloads(count)]
+    frames = [replace(frame, edges={name: value[:0] for name, value in frame.edges.items()}) for frame in frames]
+    found = [pair for frame in frames for pair in tracker.push(frame)] + tracker.flush()
+    truth = [recorder.movement(recorder.row_times(frame.number)) for frame, _ in found]
+    errors = np.array([angles.counts - p for (_, angles), p in zip(found, truth, strict=True)])
+    return errors, np.array([angles.standing for _, angles in found])
 
 
 def rms(errors: np.ndarray) -> float:
@@ -75,6 +87,34 @@ def test_fast_turning_thins_the_log_and_stays_smooth() -> None:
     shifts = {decode_frame(p).header["edge_shift"] for p in recorder.payloads(4)}
     assert max(shifts) >= 3
     assert rms(track(recorder, 20)[0]) < 1 / 50
+
+
+@pytest.mark.parametrize("speed", [55.6, -55.6, 556.0, -6000.0])
+def test_without_a_log_the_latches_tell_a_constant_speed(speed: float) -> None:
+    errors, standing = track_without_log(Recorder(lambda t: 3.3 + speed * t), 20)
+    assert np.abs(errors).max() < 2 * abs(speed) / CLOCK_HZ + 1e-6
+    assert not standing.any()
+
+
+def test_without_a_log_a_ripple_of_the_speed_is_followed_less_well() -> None:
+    """1 % at 50 Hz, the rate of the images, and 1 us of jitter; a bare count per image is far worse."""
+    recorder = Recorder(lambda t: 300 * t + 3 / (2 * np.pi * 50) * np.sin(2 * np.pi * 50 * t), jitter_s=1e-6)
+    errors, standing = track_without_log(recorder, 60)
+    assert rms(errors) < 1 / 50
+    assert rms(track(recorder, 60)[0]) < rms(errors)
+    assert not standing.any()
+
+
+def test_without_a_log_a_motor_that_turns_round_is_within_a_count() -> None:
+    errors, _ = track_without_log(Recorder(sweep(20, 2), jitter_s=1e-6), 110)
+    assert np.abs(errors).max() <= 1
+    assert rms(errors) < 1 / 5
+
+
+def test_without_a_log_standstill_is_the_middle_of_the_count() -> None:
+    errors, standing = track_without_log(Recorder(lambda t: np.full_like(t, 12.25)), 5)
+    assert standing.all()
+    assert np.allclose(errors, 0.25)
 
 
 def test_time_offsets_of_calibration_and_frame_add_up() -> None:

@@ -81,6 +81,19 @@ def test_a_card_passes_and_is_left_as_it_was(port: Path) -> None:
         card.write("run", 0)
 
 
+def test_a_small_card_passes_and_tells_what_it_is_built_without(tmp_path: Path) -> None:
+    """The iCEBreaker's: what it lacks is refused, and said so."""
+    with virtual_card(tmp_path / "card", "--pattern", "--board", "icebreaker", "--pace", "real"):
+        done = run("magtrak", "self-test", "--port", tmp_path / "card", "--loop-back")
+        info = run("magtrak", "info", "--port", tmp_path / "card")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == f"{len(CHECKS) + 1} ok"
+    assert "rows by binary: 0.0000 px" in done.stdout
+    assert "built without fir, centroid of the run, centroid in a window, maximum" in done.stdout
+    assert "without filter of isolated pixels" in info.stdout
+    assert "measurement of grey values" in info.stdout
+
+
 def test_what_is_not_wired_is_not_tried(card: Card) -> None:
     with Bench(card, Options(camera=True)) as bench:
         for check in (pattern.positions, tables.effect):

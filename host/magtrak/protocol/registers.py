@@ -199,7 +199,7 @@ def _frame(name: str, address: int, bits: int, doc: str, unit: str = "", **more:
     return Register(name, address, bits, Scope.FRAME, Access.BOTH, doc, unit, **more)  # type: ignore[arg-type]
 
 
-FEATURES = ("isolate", "window", "speed_loop", "snapshot")
+FEATURES = ("isolate", "window", "speed_loop", "snapshot", "runs", "edge_log")
 """What a card may be built without, by its bit in the register ``features``."""
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..card import Card
 from ..errors import CardError, MagtrakError, RefusedError
 from ..frames import Frame
-from ..protocol import LUT_WORDS, REGISTERS, Access, MotorMode, Scope
+from ..protocol import LUT_WORDS, REGISTERS, Access, Detector, MotorMode, Scope
 from ..settings import Settings
 
 IMAGE_S = 5.0
@@ -144,8 +144,10 @@ class Bench:
         after_power_up = {
             one.name: one.init for one in REGISTERS if one.scope is Scope.FRAME and one.access is Access.BOTH
         }
+        if not self.card.identity.built.has("runs"):
+            after_power_up["detector"] = Detector.BINARY
         given = {name: (tables or {}).get(name, OPEN) for name in TABLES}
-        self.commit({**after_power_up, **values, **given})
+        self.commit({**self.card.identity.built.fitted({**after_power_up, **values}), **given})
         return self.images(lambda frames: len(frames) >= count)
 
     def images(self, enough: Callable[[list[Frame]], bool]) -> list[Frame]:

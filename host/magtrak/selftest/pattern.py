@@ -8,9 +8,9 @@ a column exactly, in every row in which the line is clear of the border.
 import numpy as np
 
 from ..arrays import Booleans, Floats, Integers
-from ..errors import RefusedError
+from ..errors import SettingsError
 from ..frames import Frame
-from ..protocol import AnswerCode, Detector, Window
+from ..protocol import Detector, Window
 from ..settings import Settings
 from .bench import Bench, FailedError, NotTriedError
 
@@ -56,9 +56,7 @@ def positions(bench: Bench) -> str:
     for name, values in _WAYS:
         try:
             frames = bench.measure({key: int(value) for key, value in values.items()}, tables, IMAGES)
-        except RefusedError as error:
-            if error.code != AnswerCode.OUT_OF_RANGE:
-                raise
+        except SettingsError:
             missing.append(name)
             continue
         errors = _errors(name, frames)

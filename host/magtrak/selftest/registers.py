@@ -1,7 +1,7 @@
 """The registers: read, written, kept aside until they are committed, and refused."""
 
-from ..errors import RefusedError
-from ..protocol import REGISTERS, Access, AnswerCode, PacketType, Scope, register
+from ..errors import RefusedError, SettingsError
+from ..protocol import REGISTERS, Access, AnswerCode, PacketType, Register, Scope, register
 from .bench import Bench, FailedError
 
 _STARTS = ("run", "snapshot", "motor_mode", "motor_duty", "motor_brake")
@@ -23,9 +23,11 @@ def reading(bench: Bench) -> str:
 
 
 def writing(bench: Bench) -> str:
-    """Registers that take effect at once hold the least and the greatest value that they may have."""
+    """Registers that take effect at once hold the least and the greatest value that they may have; but for those that
+    need what the card is built without.
+    """
     entries = [one for one in REGISTERS if one.scope is Scope.NOW and one.access is Access.BOTH]
-    entries = [one for one in entries if one.name not in _STARTS]
+    entries = [one for one in entries if one.name not in _STARTS and _built(bench, one)]
     names = [one.name for one in entries]
     before = bench.card.read_all(names)
     for values in ([one.range[0] for one in entries], [one.range[1] for one in entries], before):
@@ -34,6 +36,14 @@ def writing(bench: Bench) -> str:
             if read != value:
                 raise FailedError(f"{name} was written {value} and reads {read}")
     return f"{len(names)} registers hold their least and their greatest value"
+
+
+def _built(bench: Bench, entry: Register) -> bool:
+    try:
+        bench.card.identity.built.check([(entry.name, [entry.range[1]])])
+    except SettingsError:
+        return False
+    return True
 
 
 def committing(bench: Bench) -> str:
@@ -53,6 +63,8 @@ def committing(bench: Bench) -> str:
             try:
                 card.write(entry.name, value)
                 wanted[entry.name] = value
+            except SettingsError:  # before it is sent
+                missing.add(entry.name)
             except RefusedError as error:
                 if error.code != AnswerCode.OUT_OF_RANGE:
                     raise

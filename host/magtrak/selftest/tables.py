@@ -36,10 +36,13 @@ def effect(bench: Bench) -> str:
 
 
 def _gated(bench: Bench, table: str, words: Sequence[int]) -> int:
-    """Gated pixels of the run in each row that is clear of the border: the same in all."""
+    """Gated pixels of the run in each row that is clear of the border: the same in all. Those of the row where a card
+    has no runs.
+    """
     bench.card.write("form", RowForm.FULL)
+    detector = Detector.CENTROID if bench.card.identity.built.has("runs") else Detector.BINARY
     frame = bench.measure(
-        {"detector": Detector.CENTROID, "centroid_window": Window.RUN, "run_reach": 0, "floor": 0}, {table: words}
+        {"detector": detector, "centroid_window": Window.RUN, "run_reach": 0, "floor": 0}, {table: words}
     )[0]
     amounts = set((frame.rows.raw["gated"] * frame.rows.valid)[clear(frame)].tolist())
     if len(amounts) != 1:
