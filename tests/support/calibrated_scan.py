@@ -103,31 +103,49 @@ def true_calibration(session: Path, path: Path) -> Path:
 
 
 def recording(scene: str, settings: str = COLOUR) -> Path:
-    """A scan of a scene (name or file) as the card sent it: ``scan.mcap``.
-
-    Its settings tell by how much the scan's time offset differs from the session's: half the difference of the
-    exposures, which whoever scans has chosen.
-    """
-    parts = [_text("sim"), *_scene_texts(scene), *_chain(), settings]
-    with cached(KEPT, Path(scene).stem, *parts) as (place, making):
+    """A scan of a scene (name or file) as the card sent it: ``scan.mcap``; see :func:`_scan`."""
+    with cached(KEPT, Path(scene).stem, *_scan_parts(scene), settings) as (place, making):
         if making is not None:
-            _record(scene, settings, making)
+            calibration = making / "calibration.json"
+            calibration.write_text(json.dumps(Scene.load(scene).calibration()))
+            _scan(scene, settings, 0, calibration, making, "--record", making / "scan.mcap")
+            (making / "cloud.ply").unlink()
     return place / "scan.mcap"
 
 
-def _record(scene: str, settings: str, out: Path) -> None:
-    any_calibration, toml = out / "calibration.json", out / "scan.toml"
-    _done("python", "-m", "sim.scene", scene, "--calibration", any_calibration, "--settings", toml)
+def live_scan(scene: str, calibration: Path, seed: int) -> Path:
+    """The cloud of a scene (name or file) as ``magtrak-recv`` makes it from the virtual card's stream, with a
+    calibration; ``seed`` is that of the scan's noise.
+    """
+    parts = [*_scan_parts(scene), _text("host/magtrak"), _text("host/magtrak/cloud"), calibration.read_bytes()]
+    with cached(KEPT, f"{Path(scene).stem}-live", *parts, f"{seed}") as (place, making):
+        if making is not None:
+            _scan(scene, COLOUR, seed, calibration, making)
+    return place / "cloud.ply"
+
+
+def _scan_parts(scene: str) -> list[str | bytes]:
+    return [_text("sim"), *_scene_texts(scene), *_chain()]
+
+
+def _scan(scene: str, settings: str, seed: int, calibration: Path, out: Path, *options: str | Path) -> None:
+    """Scan a scene with the virtual card: ``cloud.ply`` in ``out``.
+
+    The settings tell by how much the scan's time offset differs from the session's: half the difference of the
+    exposures, which whoever scans has chosen.
+    """
+    toml = out / "scan.toml"
+    _done("python", "-m", "sim.scene", scene, "--calibration", out / "true.json", "--settings", toml)
+    (out / "true.json").unlink()
     what = Scene.load(scene)
     shift = what.timing.offset_s - timing_of(what).offset_s
     toml.write_text(toml.read_text() + f"[camera]\ntime_offset_s = {shift:.9f}\n" + settings)
-    with virtual_card(out / "card", "--scene", scene) as card:
+    with virtual_card(out / "card", "--scene", scene, "--seed", f"{seed}") as card:
         _done(
-            "magtrak-recv", "--port", out / "card", "--calibration", any_calibration, "--output", out / "cloud.ply",
-            "--settings", toml, "--record", out / "scan.mcap",
+            "magtrak-recv", "--port", out / "card", "--calibration", calibration, "--output", out / "cloud.ply",
+            "--settings", toml, *options,
         )  # fmt: skip
         assert card.wait(timeout=60) == 0
-    (out / "cloud.ply").unlink()
 
 
 def replay(recorded: Path, calibration: Path, cloud: Path, *options: str) -> Path:
