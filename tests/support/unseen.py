@@ -12,7 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from magtrak.validate.segments import LIMB
-from sim.scene import Scene, pose_of
+from sim.parts import pose_of
+from sim.scene import Scene
 from sim.surfaces import Cylinder, Floats, Plane, Sphere, Surface, visible
 
 RIG = "rig"
