@@ -5,8 +5,8 @@ ones that nobody has seen before (:mod:`tests.support.unseen`), received live.
 ``SEEDS=2,3 python -m tests.bench calibrated_scan`` for other sessions (poses and noise), other unseen scenes and other
 noise in their scans; 1 unless told otherwise.
 
-Rendering and the card take most of an hour of one processor for a seed; a second run, with other fits, minutes:
-pictures, recordings and clouds are kept (:mod:`tests.support.calibrated_scan`).
+Rendering and the card take 20 minutes of one processor, a further seed ten; pictures and recordings are kept
+(:mod:`tests.support.calibrated_scan`), which saves ten in a second run, with other fits.
 """
 
 import math
@@ -98,7 +98,7 @@ def _unseen(folder: Path, found: Path, seed: int) -> Iterator[Figure]:
     """Scenes by chance, their clouds as the receiver makes them while the card scans."""
     scene = unseen.write(folder, "unseen-wall", unseen.wall_scene(2000.0, seed))
     wall = next(item for item in Scene.load(scene).surfaces if isinstance(item, Plane))
-    cloud = live_scan(scene, found, seed)
+    cloud = live_scan(scene, found, seed, folder)
     ours = _plane(cloud)
     yield _goal("unseen wall at 2 m, live: form, RMS", ours.rms, "mm", 0.3)
     yield _goal("unseen wall at 2 m, live: its place", _off(ours, wall), "mm", 2.0)
@@ -106,7 +106,7 @@ def _unseen(folder: Path, found: Path, seed: int) -> Iterator[Figure]:
     for distance_m, middle_mm in UNSEEN_M.items():
         scene = unseen.write(folder, f"unseen-{distance_m:g}", unseen.bodies_scene(middle_mm, seed))
         at = f"{distance_m:g} m"
-        yield from _artefacts(scene, live_scan(scene, found, seed), at, f"{at}, unseen, live")
+        yield from _artefacts(scene, live_scan(scene, found, seed, folder), at, f"{at}, unseen, live")
 
 
 def _wall(folder: Path, found: Path, truth: Path) -> Iterator[Figure]:

@@ -1,8 +1,8 @@
 """From pictures to clouds: a session of the simulated rig, its lines through the virtual card, a calibration by the
 commands, and scans with it. The tools see pictures, encoder edges and the boards' descriptions, nothing else.
 
-What takes long, pictures and recordings, is kept in ``build/calibrated_scan`` by the content of all it is made from;
-neither knows of a calibration.
+Pictures and recordings take long and are kept in ``build/calibrated_scan``, by the content of all they are made from;
+neither knows of a calibration. Scans received live are made anew.
 """
 
 import json
@@ -104,7 +104,8 @@ def true_calibration(session: Path, path: Path) -> Path:
 
 def recording(scene: str, settings: str = COLOUR) -> Path:
     """A scan of a scene (name or file) as the card sent it: ``scan.mcap``; see :func:`_scan`."""
-    with cached(KEPT, Path(scene).stem, *_scan_parts(scene), settings) as (place, making):
+    parts = [_text("sim"), *_scene_texts(scene), *_chain(), settings]
+    with cached(KEPT, Path(scene).stem, *parts) as (place, making):
         if making is not None:
             calibration = making / "calibration.json"
             calibration.write_text(json.dumps(Scene.load(scene).calibration()))
@@ -113,19 +114,14 @@ def recording(scene: str, settings: str = COLOUR) -> Path:
     return place / "scan.mcap"
 
 
-def live_scan(scene: str, calibration: Path, seed: int) -> Path:
+def live_scan(scene: str, calibration: Path, seed: int, folder: Path) -> Path:
     """The cloud of a scene (name or file) as ``magtrak-recv`` makes it from the virtual card's stream, with a
-    calibration; ``seed`` is that of the scan's noise.
+    calibration; ``seed`` is that of the scan's noise. Made anew each time, in a folder of its own in ``folder``.
     """
-    parts = [*_scan_parts(scene), _text("host/magtrak"), _text("host/magtrak/cloud"), calibration.read_bytes()]
-    with cached(KEPT, f"{Path(scene).stem}-live", *parts, f"{seed}") as (place, making):
-        if making is not None:
-            _scan(scene, COLOUR, seed, calibration, making)
-    return place / "cloud.ply"
-
-
-def _scan_parts(scene: str) -> list[str | bytes]:
-    return [_text("sim"), *_scene_texts(scene), *_chain()]
+    out = folder / f"{Path(scene).stem}-live"
+    out.mkdir()
+    _scan(scene, COLOUR, seed, calibration, out)
+    return out / "cloud.ply"
 
 
 def _scan(scene: str, settings: str, seed: int, calibration: Path, out: Path, *options: str | Path) -> None:
