@@ -109,10 +109,10 @@ class Background(wiring.Component):
         following = Signal(range(self.cells))
         full = Signal()  # there are more blocks than cells
         m.d.comb += following.eq(address + 1)
-        with m.If(begins):
-            with m.If(frame_begins):
-                m.d.sync += [address.eq(0), base.eq(0), full.eq(0)]
-            with m.Elif(row_begins & ~band_begins):
+        with m.If(frame_begins):  # which is a block's beginning as well: a reset without an enable costs nothing
+            m.d.sync += [address.eq(0), base.eq(0), full.eq(0)]
+        with m.Elif(begins):
+            with m.If(row_begins & ~band_begins):
                 m.d.sync += address.eq(base)
             with m.Else():
                 m.d.sync += address.eq(following)

@@ -57,11 +57,14 @@ class Fir(wiring.Component):
         for place in range(1, LOOKAHEAD + REACH - 1):
             firsts.append(register(firsts[-1], f"first_{place}"))
 
-        # Steps 1 to 8: the window. The first column of a row fills it: the left border is replicated.
+        # Steps 1 to 8: the window. In its middle, the first column of a row fills what is behind: the left border is
+        # replicated.
         window = []
         for place in range(2 * REACH + 1):
             before = window[-1] if window else self.mix
-            window.append(register(Mux(self.row_first, self.mix, before), f"window_{place}"))
+            if place > REACH:
+                before = Mux(firsts[REACH], window[REACH - 1], before)
+            window.append(register(before, f"window_{place}"))
         # Steps 9 and 10: differences of at most 255, products; 11 and 12: sums; 13: the derivative.
         pairs = [(window[REACH - k], window[REACH + k]) for k in range(1, REACH + 1)]
         half = (REACH + 1) // 2

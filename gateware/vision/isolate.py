@@ -212,8 +212,10 @@ class Isolate(wiring.Component):
         fetch, fetch_at = Signal(), Signal(range(self.max_columns))
         at = Signal(range(self.max_columns))
         priming = Signal(2)
-        with m.If(valid_1):
-            m.d.sync += at.eq(Mux(first_1, 0, at + 1))
+        with m.If(first_1):
+            m.d.sync += at.eq(0)
+        with m.Elif(valid_1):
+            m.d.sync += at.eq(at + 1)
         m.d.comb += [write.addr.eq(at), write.en.eq(valid_2 & ~direct), write.data.above.eq(late_above)]
         for name in ("mix", "weight", "gate", "saturated", "fault", "row_last"):
             m.d.comb += write.data[name].eq(late[name])

@@ -157,10 +157,10 @@ class Peak(wiring.Component):
             m.d.sync += as_strong.eq(rival.strength >= run.strength)
         compared = steps[1 + rival_divider.latency]
         with m.If(compared):
-            m.d.sync += ratio.eq(Mux(as_strong, 255, rival_divider.quotient))
+            m.d.sync += ratio.eq(Mux(as_strong, 255, rival_divider.quotient >> 1))
         m.d.comb += [
             rival_divider.start.eq(steps[1] | compared),
-            rival_divider.dividend.eq(Mux(steps[1], rival.strength << 8, rival.crossing.rise << FRACTION_BITS)),
+            rival_divider.dividend.eq(Mux(steps[1], rival.strength, rival.crossing.rise) << FRACTION_BITS),
             rival_divider.divisor.eq(Mux(steps[1], run.strength, rival.strength)),
         ]
         # The position, then the runner-up a clock later: pick, straighten, add. Nothing here moves but while a row is
@@ -237,29 +237,32 @@ class Peak(wiring.Component):
         # Write.
         record = self.o.p.record
         m.d.sync += [written.eq(steps[-1]), self.o.valid.eq(steps[-1] | (late & ~busy))]
-        with m.If(late & ~busy):
-            m.d.sync += [self.o.p.row.eq(late_row), record.eq(0), record.overflow.eq(1)]
-        with m.If(steps[-1]):
-            m.d.sync += [self.o.p.row.eq(gated.row), record.eq(0), record.overflow.eq(gated.fault)]
-            with m.If(valid):
+        # All is 0 a clock before, by the registers' reset, which spares an AND at each bit.
+        with m.If((late & ~busy) | steps[-2]):
+            m.d.sync += record.eq(0)
+        with m.Elif(steps[-1] & valid):
+            m.d.sync += [
+                record.valid.eq(1),
+                record.position.eq(Mux(in_window, self.window_position, fine_before >> 1)),
+                record.cut.eq(cut | clipped_window),
+                record.ambiguous.eq(stray | doubtful | competed | no_window),
+                record.width.eq(Mux(found, run.width, span)),
+                record.gated.eq(Mux(found, run.gated, gated.total)),
+            ]
+            with m.If(found):
                 m.d.sync += [
-                    record.valid.eq(1),
-                    record.position.eq(Mux(in_window, self.window_position, fine_before >> 1)),
-                    record.cut.eq(cut | clipped_window),
-                    record.ambiguous.eq(stray | doubtful | competed | no_window),
-                    record.width.eq(Mux(found, run.width, span)),
-                    record.gated.eq(Mux(found, run.gated, gated.total)),
+                    record.saturated.eq(run.clipped.any()),
+                    record.sum.eq(run.sum),
+                    record.peak.eq(run.peak),
+                    record.clipped.eq(run.clipped),
+                    record.second_valid.eq(rivals),
                 ]
-                with m.If(found):
-                    m.d.sync += [
-                        record.saturated.eq(run.clipped.any()),
-                        record.sum.eq(run.sum),
-                        record.peak.eq(run.peak),
-                        record.clipped.eq(run.clipped),
-                        record.second_valid.eq(rivals),
-                    ]
-                with m.If(found & rivals):
-                    m.d.sync += [record.second_position.eq(fine >> 1), record.runner_up.eq(ratio)]
+            with m.If(found & rivals):
+                m.d.sync += [record.second_position.eq(fine >> 1), record.runner_up.eq(ratio)]
+        with m.If(late & ~busy):
+            m.d.sync += [self.o.p.row.eq(late_row), record.overflow.eq(1)]
+        with m.If(steps[-1]):
+            m.d.sync += [self.o.p.row.eq(gated.row), record.overflow.eq(gated.fault)]
         return m
 
 

@@ -53,10 +53,17 @@ class Region(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         column, row = self.column, self.row
-        with m.If(self.valid):
-            m.d.sync += column.eq(Mux(self.row_first, 0, column + 1))
-            with m.If(self.row_first):
-                m.d.sync += row.eq(Mux(self.frame_first, 0, row + 1))
+        row_begins, frame_begins = Signal(), Signal()
+        m.d.comb += [row_begins.eq(self.valid & self.row_first), frame_begins.eq(row_begins & self.frame_first)]
+        # (A reset that does not wait for a clock enable costs nothing.)
+        with m.If(row_begins):
+            m.d.sync += column.eq(0)
+        with m.Elif(self.valid):
+            m.d.sync += column.eq(column + 1)
+        with m.If(frame_begins):
+            m.d.sync += row.eq(0)
+        with m.Elif(row_begins):
+            m.d.sync += row.eq(row + 1)
         valid, row_first, frame_first = self.valid, self.row_first, self.frame_first
         for clock in range(2):
             held = [Signal(name=f"{name}_{clock + 1}") for name in ("valid", "row_first", "frame_first")]

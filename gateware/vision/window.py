@@ -121,10 +121,14 @@ class Window(wiring.Component):
         with m.If(taken):
             m.d.sync += added.eq(multiply.product >> 4)
 
-        # Both ends' means are read at all times; those of the clock before `start` count.
+        # Both ends' means are read at all times; those of the clock before `start` count, or of the one before if the
+        # run that was compared then is not taken.
         bank = self.row[0]
-        for ram, end in zip(means, (Mux(self.take, next_left, left), Mux(self.take, next_right, right)), strict=True):
-            m.d.comb += [ram.read.en.eq(1), ram.read.addr.eq(Cat(end[2 : 2 + group_bits], bank))]
+        compared, of_taken = Signal(), Signal(2)
+        m.d.sync += [compared.eq(self.compare), of_taken.eq(Cat(self.take | ~compared, of_taken))]
+        for ram, end, next_end in zip(means, (left, right), (next_left, next_right), strict=True):
+            place = Mux(compared, next_end, end)
+            m.d.comb += [ram.read.en.eq(1), ram.read.addr.eq(Cat(place[2 : 2 + group_bits], bank))]
 
         # Steps after `start`: one-hot, 1 in the clock after.
         step = Signal(self.latency + 1)
@@ -161,7 +165,7 @@ class Window(wiring.Component):
         brighter = Signal(reset_less=True)
         shown = [Mux(out, 0, mean) for out, mean in zip(outside, (ram.read.data for ram in means), strict=True)]
         base = Signal(9, reset_less=True)
-        with m.If(active):
+        with m.If(of_taken[1]):
             m.d.sync += [
                 *(held.eq(mean + added) for held, mean in zip(bases, shown, strict=True)),
                 brighter.eq(shown[1] > shown[0]),
@@ -169,18 +173,13 @@ class Window(wiring.Component):
         with m.If(step[1]):
             m.d.sync += base.eq(Mux(brighter, bases[1], bases[0]))
 
-        # Read from the last word to the first. `number` is that of the word being read, `index` its distance from the
-        # first. Words behind the window's last come before that one.
+        # Read from the last word to the first. `number` is that of the word being read. Words behind the window's last
+        # come before that one.
         read = words.read
-        index = Signal(range(WORDS + 1))
         number = Signal(word_bits + 1)
         m.d.comb += [read.en.eq(active), read.addr.eq(Cat(address[:word_bits], bank_held))]
         with m.If(active):
             m.d.sync += [address.eq(address - 1), number.eq(address)]
-        with m.If(step[0]):
-            m.d.sync += index.eq(WORDS - 1)
-        with m.Elif(index != 0):
-            m.d.sync += index.eq(index - 1)
         mask = Signal(LANES)
         lanes_low, lanes_high = Signal(LANES), Signal(LANES)
         is_last, reached = Signal(), Signal()
@@ -193,7 +192,7 @@ class Window(wiring.Component):
             m.d.sync += [
                 reached.eq(~step[0] & (reached | is_last)),
                 mask.eq(
-                    Mux(reached | is_last, 0xFF, 0) & Mux(index == 0, lanes_low, 0xFF) & Mux(is_last, lanes_high, 0xFF)
+                    Mux(reached | is_last, 0xFF, 0) & Mux(step[WORDS], lanes_low, 0xFF) & Mux(is_last, lanes_high, 0xFF)
                 ),
             ]
 
