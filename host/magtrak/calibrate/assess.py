@@ -28,7 +28,9 @@ WALL_DEG, WALL_PART = 3.0, 0.03
 DISTANCES_MM = (60.0, 20_000.0)
 CORNER_PX, LINE_PX = 0.4, 0.3
 ANGLE_COUNTS = 0.25
-BAD_VIEW = 4.0
+BAD_VIEW, BAD_PX = 4.0, 0.05
+"""A view is bad where its corners are so many times as far off as those of most, and not below so many px."""
+
 GAIN = 40.0
 """Chi squared that a cause must explain: more than six sigma."""
 
@@ -146,7 +148,7 @@ def _bad_views(seen: Observations, found: Solution) -> list[Finding]:
     findings = []
     if usual > CORNER_PX:
         findings.append(finding("corners-noisy", px=usual))
-    for number in np.flatnonzero(rms > BAD_VIEW * usual):
+    for number in np.flatnonzero(rms > max(BAD_VIEW * usual, BAD_PX)):
         findings.append(finding("bad-view", view=seen.views[int(number)].name, times=rms[number] / usual))
     return findings
 
