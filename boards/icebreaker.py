@@ -47,7 +47,7 @@ and interlock each need a resistor of 10 kohm to ground, without which an open i
         picture=(320, 240),
         features=Features(
             max_columns=640,
-            max_rows=256,
+            max_rows=64,
             background_cells=0,
             isolate=False,
             window=False,
@@ -55,6 +55,11 @@ and interlock each need a resistor of 10 kohm to ground, without which an open i
             speed_loop=False,
             snapshot=False,
             edge_log=False,
+            full_rows=False,
+            turn_check=False,
+            pwm_period=False,
+            notes=False,
+            close_images=False,
         ),
     )
 ]

@@ -23,6 +23,11 @@ _PARTS = {
     "edge_log": "edge log: a row's angle follows from the latches at the first and the last row of each image, as exact"
     " at constant speed",
     "snapshot": "snapshots",
+    "full_rows": "full form of rows: compact ones have position, flags, and widths up to 15",
+    "turn_check": "check of every turn's counts",
+    "pwm_period": "setting of the PWM's period: it is 1024 clocks",
+    "notes": "`camera.exposure_s` and `camera.time_offset_s` in frames: give the time offset in the calibration",
+    "close_images": "images that begin within 112 clocks of the end of the one before: they are dropped, and counted",
 }
 """What a card may be built without, for people."""
 
@@ -87,7 +92,7 @@ def _built(features: Features) -> list[str]:
     return [
         "## Built with",
         "",
-        f"Images of up to {features.max_columns} x {features.max_rows} px. Without:",
+        f"Images of up to {features.max_columns} x {features.compact_rows} px. Without:",
         "",
         *(f"- {what}" for what in without),
         "",

@@ -41,6 +41,12 @@ class Features:
     snapshot : pictures for people
     edge_log : frames carry the encoder's edges; without it a row's angle follows from the latches at the first and the
         last row alone, which is as exact while the speed is constant
+    full_rows : rows may be sent in the full form; without it ``form`` has to be ``COMPACT``
+    turn_check : the counts of every turn are checked; without it ``counts_per_turn`` has to be 0
+    pwm_period : the PWM's period can be set; without it ``motor_period`` has to be 1024
+    notes : frames carry ``exposure_us`` and ``time_offset_ns``; without it these have to be 0
+    close_images : an image may begin right after the one before; without it one that begins within 112 clocks of
+        that one's end is refused, and counted as dropped
 
     Raises
     ------
@@ -57,6 +63,11 @@ class Features:
     speed_loop: bool = True
     snapshot: bool = True
     edge_log: bool = True
+    full_rows: bool = True
+    turn_check: bool = True
+    pwm_period: bool = True
+    notes: bool = True
+    close_images: bool = True
 
     @property
     def compact_rows(self) -> int:
@@ -72,6 +83,8 @@ class Features:
             raise ValueError(
                 f"background_cells is {self.background_cells}; 0 and {MIN_CELLS} to {2048 * 2048} are possible"
             )
+        if self.runs and not self.close_images:
+            raise ValueError("close_images cannot be left out with runs: those take longer than images would be apart")
         needs = ("background_cells", "isolate", "window", "snapshot")
         without = [name for name in needs if getattr(self, name)]
         if not self.runs and without:

@@ -81,7 +81,7 @@ class PixelPath(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.admission = admission = Admission()
+        m.submodules.admission = admission = Admission(close_images=self.features.close_images)
         m.submodules.vision = vision = Vision(self.features) if self.features.runs else GatedVision(self.features)
         connect(m, flipped(self.video), admission.i)
         connect(m, admission.video, vision.video)

@@ -1,6 +1,6 @@
 """Where the register file keeps what: numbers of registers, and the memory that tells about each."""
 
-from magtrak.protocol import LUT_WORDS, REGISTERS, Access, MotorMode, Register, Scope
+from magtrak.protocol import LUT_WORDS, REGISTERS, Access, MotorMode, Register, RowForm, Scope
 
 from .features import Features
 
@@ -61,6 +61,17 @@ NOWHERE = next(at for at in range(1 << NUMBER_BITS) if at not in {number(r) for 
 
 def built(register: Register, features: Features) -> tuple[int, int, int]:
     """Least and greatest value that a card of these features takes, and the one after reset."""
+    only = {
+        "floor": (features.runs, 255),
+        "form": (features.full_rows, int(RowForm.COMPACT)),
+        "counts_per_turn": (features.turn_check, 0),
+        "motor_period": (features.pwm_period, register.init),
+        "exposure_us": (features.notes, 0),
+        "time_offset_ns": (features.notes, 0),
+    }
+    is_built, value = only.get(register.name, (True, 0))
+    if not is_built:
+        return value, value, value
     low, high = register.range
     limits = {
         "ambient_mode": features.background_cells > 0,
@@ -74,9 +85,7 @@ def built(register: Register, features: Features) -> tuple[int, int, int]:
     }
     if not limits.get(register.name, True):
         high = int(MotorMode.DUTY) if register.name == "motor_mode" else 0
-    if register.name == "floor" and not features.runs:
-        low = high  # no mix exceeds it
-    return low, high, max(low, min(register.init, high))
+    return low, high, min(register.init, high)
 
 
 assert all(r.words == LUT_WORDS for r in TABLES)

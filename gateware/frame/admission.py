@@ -24,6 +24,9 @@ class Admission(wiring.Component):
     Parameters
     ----------
     shortest : clocks from the first pixel of an image to ``frame_end`` at least, :data:`SHORTEST_CLOCKS` or more
+    close_images : an image may begin as soon as the one before has had its strobe. Without it, one that begins sooner
+        than :data:`SHORTEST_CLOCKS` after that strobe, or before it, is refused as well, and rows after an image's end
+        have no ``row_first``: what motion latched for an image then stays so for that long.
 
     Members
     -------
@@ -36,8 +39,9 @@ class Admission(wiring.Component):
     refused : strobe: an image began too early, and is left out
     """
 
-    def __init__(self, shortest: int = SHORTEST_CLOCKS) -> None:
+    def __init__(self, shortest: int = SHORTEST_CLOCKS, *, close_images: bool = True) -> None:
         self.shortest = shortest
+        self.close_images = close_images
         super().__init__(
             {
                 "i": In(Video()),
@@ -63,10 +67,11 @@ class Admission(wiring.Component):
         let_in = Signal()
         passes = Signal()
         ends = Signal()
+        within = 1 if self.close_images else begins | ~over
         m.d.comb += [
             begins.eq(pixel.valid & pixel.payload.row_first & pixel.payload.frame_first),
             # In the clock of `frame_end` the next image may be on its way: it comes out a clock later.
-            let_in.eq(begins & self.run & (~open_ | (left == 0))),
+            let_in.eq(begins & self.run & ((~open_ | (left == 0)) if self.close_images else (~open_ & (left == 0)))),
             passes.eq(Mux(begins, let_in, passing)),
             ends.eq((over | begins) & open_ & (left == 0)),
             self.frame_end.eq(ends),
@@ -78,7 +83,7 @@ class Admission(wiring.Component):
             # An image that is cut off by one that does not come in must be closed for it.
             self.video.frame_end.eq((self.i.frame_end & passes) | (begins & passing & ~let_in & ~over)),
             self.frame_first.eq(let_in),
-            self.row_first.eq(pixel.valid & pixel.payload.row_first & passes),
+            self.row_first.eq(pixel.valid & pixel.payload.row_first & passes & within),
             self.refused.eq(begins & self.run & ~let_in),
         ]
         with m.If(begins):
@@ -87,6 +92,8 @@ class Admission(wiring.Component):
             m.d.sync += left.eq(left - 1)
         with m.If(ends):
             m.d.sync += open_.eq(0)
+            if not self.close_images:
+                m.d.sync += left.eq(SHORTEST_CLOCKS)
         with m.If((self.i.frame_end & passing) | begins):
             m.d.sync += over.eq(1)
         with m.If(let_in):

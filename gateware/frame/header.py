@@ -29,6 +29,12 @@ class HeaderStore(wiring.Component):
     That takes at most ``copy_clocks`` from ``taken``, or 60 from ``filled``. The next ``taken``
     must not come earlier: images are at least 112 clocks apart, which is enough.
 
+    Parameters
+    ----------
+    close_images : an image may begin right after the one before, whose motion is kept for that here. Without it motion
+        stays what it was at ``taken`` for 100 clocks, in which the header is completed where ``filled`` comes no later
+        than 50 after ``taken``; counters that are sampled then may be newer.
+
     Members
     -------
     begin, into : strobe: an image that is accepted begins; its bank, which is not that of a header still to be
@@ -72,6 +78,10 @@ class HeaderStore(wiring.Component):
     index: In(range(WORDS))
     word: Out(32)
 
+    def __init__(self, *, close_images: bool = True) -> None:
+        self.close_images = close_images
+        super().__init__()
+
     def elaborate(self, platform):
         m = Module()
         # As with the rows, a bank is read while it is written only before it is complete.
@@ -96,14 +106,18 @@ class HeaderStore(wiring.Component):
         motion = Signal(MotionFacts)
         dropped = Signal(32)
         damaged, lost = Signal(16), Signal(16)
+        sampled = [
+            motion.eq(self.motion),
+            dropped.eq(self.dropped),
+            damaged.eq(self.damaged_commands),
+            lost.eq(self.line_errors),
+        ]
+        if not self.close_images:
+            m.d.comb += sampled
         with m.If(self.taken):
-            m.d.sync += [
-                due.eq(1),
-                motion.eq(self.motion),
-                dropped.eq(self.dropped),
-                damaged.eq(self.damaged_commands),
-                lost.eq(self.line_errors),
-            ]
+            m.d.sync += due.eq(1)
+            if self.close_images:
+                m.d.sync += sampled
 
         # Banks whose motion is to come, the oldest lowest.
         queue, waiting = Signal(2), Signal(range(3))

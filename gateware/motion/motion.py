@@ -260,7 +260,7 @@ class Motion(wiring.Component):
 
     def _open_loop(self, m: Module) -> None:
         """The motor without its program: state, cause and speed stay 0."""
-        m.submodules.motor = motor = OpenLoop()
+        m.submodules.motor = motor = OpenLoop(pwm_period=self.features.pwm_period)
         m.d.comb += [
             motor.settings.eq(self.settings),
             self.pwm.eq(motor.pwm),

@@ -73,7 +73,7 @@ class GatedVision(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         features, settings = self.features, self.settings
-        m.submodules.monitor = monitor = Monitor(features.max_columns, features.max_rows)
+        m.submodules.monitor = monitor = Monitor(features.max_columns, features.compact_rows)
         m.submodules.gate = gate = BlockGate()
         m.submodules.divider = divider = self._divider
         wiring.connect(m, monitor.video, wiring.flipped(self.video))

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from .errors import SettingsError
-from .protocol import FEATURES, Detector, MotorMode, register
+from .protocol import FEATURES, Detector, MotorMode, RowForm, register
 
 _NEEDS = {
     # register: what it needs, the greatest value without, what people call the setting, what to do
@@ -25,11 +25,22 @@ _NAMES = {
     "background": "subtraction of ambient light",
     "runs": "measurement of grey values",
     "edge_log": "log of encoder edges",
+    "full_rows": "full form of rows",
+    "turn_check": "check of every turn",
+    "pwm_period": "setting of the PWM's period",
+    "notes": "exposure and time offset in frames",
 }
 assert set(FEATURES) < set(_NAMES)
 
-FLOOR_WITHOUT_RUNS = register("floor").range[1]
-"""What the floor has to be where no grey values are measured: no mix exceeds it."""
+_FIXED = {
+    # register: what it needs, its value without, what people call the setting
+    "floor": ("runs", 255, "weight.floor"),  # no mix exceeds it
+    "form": ("full_rows", int(RowForm.COMPACT), "form"),
+    "counts_per_turn": ("turn_check", 0, "encoder.counts_per_turn"),
+    "motor_period": ("pwm_period", register("motor_period").init, "motor.pwm_hz"),
+    "exposure_us": ("notes", 0, "camera.exposure_s"),
+    "time_offset_ns": ("notes", 0, "camera.time_offset_s"),
+}
 
 
 @dataclass(frozen=True)
@@ -67,18 +78,21 @@ class Built:
                     raise SettingsError(
                         f"{setting} needs the {_NAMES[feature]}, which this card is built without: {instead}"
                     )
-            if name == "floor" and words[0] != FLOOR_WITHOUT_RUNS and not self.has("runs"):
-                raise SettingsError(
-                    f"weight.floor needs the {_NAMES['runs']}, which this card is built without: leave it out"
-                )
+            if name in _FIXED:
+                feature, value, setting = _FIXED[name]
+                if words[0] != value and not self.has(feature):
+                    raise SettingsError(
+                        f"{setting} needs the {_NAMES[feature]}, which this card is built without: leave it out"
+                    )
 
     def fitted(self, values: Mapping[str, int]) -> dict[str, int]:
-        """The registers, without what would not be used and is not built: the window of another detector, and the floor
-        where no grey values are measured.
+        """The registers, without what changes no position and is not built: the window of another detector, the floor
+        where no grey values are measured, the check of every turn, the PWM's period, the exposure that frames tell.
         """
         fitted = dict(values)
         if not self.has("window") and values["detector"] != Detector.CENTROID:
             fitted["centroid_window"] = 0
-        if not self.has("runs"):
-            fitted["floor"] = FLOOR_WITHOUT_RUNS
+        for name, (feature, value, _) in _FIXED.items():
+            if name in fitted and name != "time_offset_ns" and not self.has(feature):
+                fitted[name] = value
         return fitted

@@ -290,6 +290,7 @@ def test_a_second_commit_leaves_the_gate_as_it_is():
 @pytest.mark.parametrize("runs", [True, False])
 def test_the_smallest_card_measures_and_refuses_the_rest(runs):
     """With grey values, and without, by the paper's detector."""
+    last = {"runs": runs, "edge_log": False, "close_images": runs}
     built = {"detector": 1, "floor": 20} if runs else {"detector": 0, "floor": 255}
 
     async def test(rig):
@@ -305,8 +306,9 @@ def test_the_smallest_card_measures_and_refuses_the_rest(runs):
         assert (header["frame"], header["detector"]) == (0, built["detector"])
         assert rows == expected(line_image(), SETTINGS | {"centroid_window": 0, **built})
         assert all(row["gated"] for row in rows)
+        assert header["edges"] == 0
 
-    run(test, features=Features(64, 16, 0, isolate=False, window=False, speed_loop=False, snapshot=False, runs=runs))
+    run(test, features=Features(64, 16, 0, isolate=False, window=False, speed_loop=False, snapshot=False, **last))
 
 
 def test_what_needs_grey_values_is_not_built_without_them():

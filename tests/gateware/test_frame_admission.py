@@ -10,9 +10,9 @@ from tests.support.simulation import simulate
 NOTHING = {"valid": 0, "row_first": 0, "row_last": 0, "frame_first": 0, "frame_end": 0, "run": 1}
 
 
-def play(clocks):
+def play(clocks, **options):
     """What comes out in each clock, for what goes in in each clock: values that differ from ``NOTHING``."""
-    dut = Admission()
+    dut = Admission(**options)
     out = []
 
     async def drive(ctx):
@@ -145,3 +145,32 @@ def test_the_order_of_the_strobes_holds_for_noise(seed):
             assert end < begins[number + 1]
     asked = sum(1 for c in clocks if c["valid"] and c["row_first"] and c["frame_first"] and c["run"])
     assert len(begins) + len(clocks_of(out, "refused")) in (asked, asked - 1)
+
+
+@pytest.mark.parametrize("apart", [1, SHORTEST_CLOCKS - 1, SHORTEST_CLOCKS, SHORTEST_CLOCKS + 1])
+def test_images_that_are_not_close_are_at_least_so_far_apart(apart):
+    """The next image begins so many clocks after the strobe of the first."""
+    first, second = image(3), image(3)
+    clocks = [{}, *first, *([{}] * apart), *second, {}, {}]
+    out = play(clocks, close_images=False)
+    end = clocks_of(out, "frame_end")[0]
+    let_in = apart > SHORTEST_CLOCKS
+    assert clocks_of(out, "frame_first") == [2] + [end + apart + 1] * let_in
+    assert len(clocks_of(out, "refused")) == 1 - let_in
+    assert len(clocks_of(out, "frame_end")) == len(clocks_of(out, "video_end")) == 1 + let_in
+
+
+def test_images_that_are_not_close_an_image_without_end_costs_the_next():
+    """It is closed by the one that begins, which is refused; rows after an end are none of the image."""
+    open_end = image(3)
+    open_end[-1] = {}
+    out = play(
+        [{}, *open_end, *image(3), *([{}] * SHORTEST_CLOCKS), *image(2), *image(2)[1:-1], {}], close_images=False
+    )
+    begins = clocks_of(out, "frame_first")
+    assert len(begins) == 2
+    assert len(clocks_of(out, "refused")) == 1
+    ends = clocks_of(out, "frame_end")
+    assert len(ends) == len(clocks_of(out, "video_end")) == 2
+    assert begins[0] < ends[0] < begins[1] < ends[1]
+    assert not [clock for clock in clocks_of(out, "row_first") if ends[0] < clock < begins[1] or clock > ends[1] + 1]

@@ -81,7 +81,7 @@ def test_every_register_reads_its_value_after_reset():
         "max_columns": 640,
         "max_rows": 512,
         "background_cells": 1000,
-        "features": 0x3F,
+        "features": 0x3FF,
     }
 
     async def test(host):
@@ -390,7 +390,7 @@ def test_what_is_not_built_is_out_of_range(name, without, value):
         assert await host.write(name, value) == (CODES.OUT_OF_RANGE, least)
         assert (await host.write(name, least))[0] is CODES.DONE
         _, built = await host.read("features")
-        assert built == 0x3F & ~sum(1 << n for n, feature in enumerate(protocol.FEATURES) if feature in without)
+        assert built == 0x3FF & ~sum(1 << n for n, feature in enumerate(protocol.FEATURES) if feature in without)
 
     simulate(dut, testbench, clocks=2000)
 
@@ -403,7 +403,8 @@ def test_without_runs_only_the_paper_s_detector_and_no_grey_values():
 
     async def testbench(ctx):
         host = Host(ctx, dut)
-        assert await host.read("features") == (CODES.DONE, 1 << protocol.FEATURES.index("speed_loop"))
+        _, built = await host.read("features")
+        assert not built >> protocol.FEATURES.index("runs") & 1
         for name, only in (("detector", protocol.Detector.BINARY), ("floor", 255)):
             assert await host.read(name) == (CODES.DONE, only)
             assert (await host.write(name, only))[0] is CODES.DONE
@@ -414,6 +415,29 @@ def test_without_runs_only_the_paper_s_detector_and_no_grey_values():
         await host.frame()
         assert (ctx.get(dut.frame.detector), ctx.get(dut.frame.floor)) == (0, 255)
         assert await host.read("run_width_max") == (CODES.DONE, 3)
+
+    simulate(dut, testbench, clocks=3000)
+
+
+@pytest.mark.parametrize(
+    ("name", "feature", "only"),
+    [
+        ("form", "full_rows", 0),
+        ("counts_per_turn", "turn_check", 0),
+        ("motor_period", "pwm_period", 1024),
+        ("exposure_us", "notes", 0),
+        ("time_offset_ns", "notes", 0),
+    ],
+)
+def test_what_can_only_have_one_value_has_it(name, feature, only):
+    dut = RegisterFile(Features(**{feature: False}))
+
+    async def testbench(ctx):
+        host = Host(ctx, dut)
+        assert await host.read(name) == (CODES.DONE, only)
+        for value in (only + 1, only - 1 if only or register(name).signed else 2):
+            assert await host.write(name, value & 0xFFFF_FFFF) == (CODES.OUT_OF_RANGE, only)
+        assert (await host.write(name, only))[0] is CODES.DONE
 
     simulate(dut, testbench, clocks=3000)
 

@@ -1,6 +1,7 @@
 """Greeting, commands and frames, against a card that is none."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from magtrak.card import Card
 from magtrak.errors import CardError, EndOfStreamError, SettingsError
 from magtrak.link import Link
 from magtrak.motor import Motor
-from magtrak.settings import Ambient, LaserSwitch, Peak, Runs, Settings
+from magtrak.settings import Ambient, Camera, LaserSwitch, Peak, Runs, Settings
 from magtrak.settings_file import load_settings
 from tests.support.fake_card import FakeCard
 from tests.support.frames import CLOCK_HZ, Recorder
@@ -72,16 +73,16 @@ def test_a_command_whose_answer_is_lost_is_sent_again_and_the_order_stays() -> N
     ("identity", "settings", "message"),
     [
         ({"background_cells": 0}, Settings(ambient=Ambient("skip")), "ambient.mode needs the subtraction .* to off"),
-        ({"features": 0b111110}, Settings(runs=Runs(neighbours=2)), "runs.neighbours needs the filter .*: set it to 0"),
-        ({"features": 0b111101}, Settings(peak=Peak("centroid")), "peak.window needs the windowed .* the whole run"),
-        ({"features": 0b111011}, Settings(motor=Motor(mode="speed")), "motor.mode needs the speed loop.*: use duty"),
-        ({"features": 0b101111}, Settings(), "peak.detector needs the measurement of grey .* binary, as .*paper"),
+        ({"features": 0x3FE}, Settings(runs=Runs(neighbours=2)), "runs.neighbours needs the filter .*: set it to 0"),
+        ({"features": 0x3FD}, Settings(peak=Peak("centroid")), "peak.window needs the windowed .* the whole run"),
+        ({"features": 0x3FB}, Settings(motor=Motor(mode="speed")), "motor.mode needs the speed loop.*: use duty"),
+        ({"features": 0x3EF}, Settings(), "peak.detector needs the measurement of grey .* binary, as .*paper"),
         (
-            {"features": 0b111011},
+            {"features": 0x3FB},
             Settings(motor=Motor(watch=("stall",))),
             "motor.watch needs the speed .*: leave it out",
         ),
-        ({"features": 0b111011}, Settings(laser=LaserSwitch(needs_speed=True)), "laser.needs_speed .*: leave it out"),
+        ({"features": 0x3FB}, Settings(laser=LaserSwitch(needs_speed=True)), "laser.needs_speed .*: leave it out"),
     ],
 )
 def test_settings_that_need_what_a_card_is_built_without_are_refused(identity, settings, message) -> None:  # type: ignore[no-untyped-def]
@@ -94,7 +95,7 @@ def test_settings_that_need_what_a_card_is_built_without_are_refused(identity, s
 
 
 def test_a_card_tells_what_it_is_built_with() -> None:
-    assert "without" not in str(Built(0x3F, 100)) and "speed loop" in str(Built(0x3F, 100))
+    assert "without" not in str(Built(0x3FF, 100)) and "speed loop" in str(Built(0x3FF, 100))
     assert str(Built(0b1000, 0)).startswith("snapshots; without filter of isolated pixels, ")
     with FakeCard(identity={"features": 0}) as fake, Link(fake.port) as link:
         card = Card(link)
@@ -102,7 +103,10 @@ def test_a_card_tells_what_it_is_built_with() -> None:
             card.write("floor", 20)
         card.apply(load_settings("paper"))
         assert fake.value("floor") == 255
-    with FakeCard(identity={"features": 0b110111}) as fake, Link(fake.port) as link, pytest.raises(SettingsError):
+        assert fake.value("motor_period") == 1024
+        with pytest.raises(SettingsError, match="time_offset_s needs the exposure and time offset in frames"):
+            card.apply(replace(load_settings("paper"), camera=Camera(time_offset_s=-1e-3)))
+    with FakeCard(identity={"features": 0x3F7}) as fake, Link(fake.port) as link, pytest.raises(SettingsError):
         Card(link).write("snapshot", 1)
 
 

@@ -87,7 +87,7 @@ def test_a_small_card_passes_and_tells_what_it_is_built_without(tmp_path: Path) 
         done = run("magtrak", "self-test", "--port", tmp_path / "card", "--loop-back")
         info = run("magtrak", "info", "--port", tmp_path / "card")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.splitlines()[-1] == f"{len(CHECKS) + 1} ok"
+    assert done.stdout.splitlines()[-1].startswith(f"{len(CHECKS) - 1} ok, 2 not tried")
     assert "rows by binary: 0.0000 px" in done.stdout
     assert "built without fir, centroid of the run, centroid in a window, maximum" in done.stdout
     assert "without filter of isolated pixels" in info.stdout

@@ -199,7 +199,18 @@ def _frame(name: str, address: int, bits: int, doc: str, unit: str = "", **more:
     return Register(name, address, bits, Scope.FRAME, Access.BOTH, doc, unit, **more)  # type: ignore[arg-type]
 
 
-FEATURES = ("isolate", "window", "speed_loop", "snapshot", "runs", "edge_log")
+FEATURES = (
+    "isolate",
+    "window",
+    "speed_loop",
+    "snapshot",
+    "runs",
+    "edge_log",
+    "full_rows",
+    "turn_check",
+    "pwm_period",
+    "notes",
+)
 """What a card may be built without, by its bit in the register ``features``."""
 
 
@@ -220,7 +231,7 @@ REGISTERS: tuple[Register, ...] = (
     _card("serial_low", 0x0006, 32, "serial number of the card, lower half; 0 in both halves: it has none"),
     _card("serial_high", 0x0007, 32, "upper half"),
     _card("link_baud", 0x0008, 32, "rate of the card's UART; 0: another kind of link", "baud"),
-    _card("features", 0x0009, 8, "what it is built with, a bit each: " + ", ".join(FEATURES)),
+    _card("features", 0x0009, 16, "what it is built with, a bit each: " + ", ".join(FEATURES)),
     # Acquisition.
     _now("run", 0x0010, 1, "1: images are measured and sent, from the next whole one on"),
     _now("form", 0x0011, 1, "a RowForm: 0 compact, 1 full rows", init=1),

@@ -7,7 +7,7 @@ import numpy as np
 from ..gate import pack_table
 from ..protocol import Detector, RowForm, Window
 from ..reference.hls import hls
-from .bench import CLOSED, OPEN, TABLES, Bench, FailedError
+from .bench import CLOSED, OPEN, TABLES, Bench, FailedError, NotTriedError
 from .pattern import clear, known_picture
 
 MIDDLE = (63, 255, 63)
@@ -19,6 +19,8 @@ def effect(bench: Bench) -> str:
     for each of the three tables.
     """
     known_picture(bench)
+    if not bench.card.identity.built.has("full_rows"):
+        raise NotTriedError("this card has no full rows, which tell the gated pixels")
     colour = (int(value) for value in hls(np.array(MIDDLE, np.uint8)))
     found = []
     for table, entry in zip(TABLES, colour, strict=True):
