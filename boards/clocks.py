@@ -148,7 +148,9 @@ def ice40_dividers(from_hz: float, sync_hz: float) -> tuple[int, int]:
 class Ice40Clocks(Elaboratable):
     """Drives the domains ``sync`` and ``xclk`` of an iCE40, one clock.
 
-    ``sync`` is reset until the PLL is locked and the block RAMs can be read.
+    It stands still until the PLL is locked and the block RAMs can be read: so ``sync`` needs no reset, for
+    configuration leaves every register with its initial value. A reset would occupy the registers' own input for it,
+    and cost several hundred cells.
 
     Parameters
     ----------
@@ -160,7 +162,7 @@ class Ice40Clocks(Elaboratable):
         The PLL cannot make it.
     """
 
-    domains: ClassVar = {"sync": False, "xclk": True}
+    domains: ClassVar = {"sync": True, "xclk": True}
     """Those that it drives, and whether they are without reset."""
 
     def __init__(self, sync_hz: int) -> None:
@@ -170,7 +172,7 @@ class Ice40Clocks(Elaboratable):
         m = Module()
         factor, shift = ice40_dividers(platform.default_clk_frequency, self.sync_hz)
         pin = platform.request(platform.default_clk, dir="-")
-        clock, locked = Signal(), Signal()
+        clock, locked = Signal(name="clk_start"), Signal()
         m.submodules.pll = Instance(
             "SB_PLL40_PAD",
             p_FEEDBACK_PATH="SIMPLE",
@@ -181,11 +183,11 @@ class Ice40Clocks(Elaboratable):
             i_PACKAGEPIN=pin.io,
             i_RESETB=Const(1),
             i_BYPASS=Const(0),
-            o_PLLOUTGLOBAL=clock,
+            o_PLLOUTCORE=clock,
             o_LOCK=locked,
         )
         m.domains.start = ClockDomain(reset_less=True, local=True)
-        m.d.comb += [ClockSignal(name).eq(clock) for name in ("start", "sync", "xclk")]
+        m.d.comb += ClockSignal("start").eq(clock)
         last = int(_ICE40_SETTLES_S * self.sync_hz)
         count = Signal(range(last + 1))
         ready = Signal()
@@ -195,5 +197,11 @@ class Ice40Clocks(Elaboratable):
             m.d.start += ready.eq(1)
         with m.Else():
             m.d.start += count.eq(count + 1)
-        m.submodules.reset_sync = ResetSynchronizer(~ready, domain="sync")
+        # Opened and closed while the clock is low, the gate lets whole pulses pass.
+        m.domains.low = ClockDomain(reset_less=True, local=True, clk_edge="neg")
+        open_, gated = Signal(), Signal(name="clk_sync", attrs={"keep": 1})
+        m.d.low += open_.eq(ready)
+        m.d.comb += [ClockSignal("low").eq(clock), gated.eq(clock & open_)]
+        platform.add_clock_constraint(gated, self.sync_hz)
+        m.d.comb += [ClockSignal(name).eq(gated) for name in ("sync", "xclk")]
         return m

@@ -60,6 +60,7 @@ and interlock each need a resistor of 10 kohm to ground, without which an open i
             pwm_period=False,
             notes=False,
             close_images=False,
+            fast_clock=False,
         ),
     )
 ]

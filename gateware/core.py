@@ -78,7 +78,9 @@ class Core(wiring.Component):
         m.submodules.pixels = pixels = path
         m.submodules.alternation = alternation = Alternation()
         m.submodules.motion = motion = Motion(self.features)
-        m.submodules.buffer = buffer = FrameBuffer(features.max_rows, close_images=features.close_images)
+        m.submodules.buffer = buffer = FrameBuffer(
+            features.max_rows, close_images=features.close_images, fast_clock=features.fast_clock
+        )
         m.submodules.assembler = assembler = FrameAssembler(features.max_rows)
         m.submodules.registers = registers = RegisterFile(features)
         m.submodules.link = link = Link()

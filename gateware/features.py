@@ -47,6 +47,7 @@ class Features:
     notes : frames carry ``exposure_us`` and ``time_offset_ns``; without it these have to be 0
     close_images : an image may begin right after the one before; without it one that begins within 112 clocks of
         that one's end is refused, and counted as dropped
+    fast_clock : registers stand behind the frame's block RAMs, which clocks above some 50 MHz need
 
     Raises
     ------
@@ -68,6 +69,7 @@ class Features:
     pwm_period: bool = True
     notes: bool = True
     close_images: bool = True
+    fast_clock: bool = True
 
     @property
     def compact_rows(self) -> int:

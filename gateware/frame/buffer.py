@@ -28,7 +28,7 @@ class FrameBuffer(wiring.Component):
     ----------
     max_rows : rows of a buffer in the full form, a power of two; in the compact form there are four times as many, up
         to 2048. Rows beyond are left out, and the header says so
-    close_images : as in :class:`~gateware.frame.header.HeaderStore`
+    close_images, fast_clock : as in :class:`~gateware.frame.header.HeaderStore`
 
     Members
     -------
@@ -50,9 +50,9 @@ class FrameBuffer(wiring.Component):
     reader : the oldest complete frame
     """
 
-    def __init__(self, max_rows: int, *, close_images: bool = True) -> None:
-        self.row_store = RowStore(max_rows)
-        self.header_store = HeaderStore(close_images=close_images)
+    def __init__(self, max_rows: int, *, close_images: bool = True, fast_clock: bool = True) -> None:
+        self.row_store = RowStore(max_rows, fast_clock=fast_clock)
+        self.header_store = HeaderStore(close_images=close_images, fast_clock=fast_clock)
         self.max_rows = max_rows
         super().__init__(
             {

@@ -34,6 +34,7 @@ class HeaderStore(wiring.Component):
     close_images : an image may begin right after the one before, whose motion is kept for that here. Without it motion
         stays what it was at ``taken`` for 100 clocks, in which the header is completed where ``filled`` comes no later
         than 50 after ``taken``; counters that are sampled then may be newer.
+    fast_clock : the word goes through a register behind the memory; without it, it comes a clock sooner
 
     Members
     -------
@@ -78,8 +79,9 @@ class HeaderStore(wiring.Component):
     index: In(range(WORDS))
     word: Out(32)
 
-    def __init__(self, *, close_images: bool = True) -> None:
+    def __init__(self, *, close_images: bool = True, fast_clock: bool = True) -> None:
         self.close_images = close_images
+        self.fast_clock = fast_clock
         super().__init__()
 
     def elaborate(self, platform):
@@ -88,7 +90,10 @@ class HeaderStore(wiring.Component):
         m.submodules.memory = memory = BlockRam(32, 2 * WORDS)
         write, read = memory.write, memory.read
         m.d.comb += [read.addr.eq(Cat(self.index, self.bank)), read.en.eq(1)]
-        m.d.sync += self.word.eq(read.data)
+        if self.fast_clock:
+            m.d.sync += self.word.eq(read.data)
+        else:
+            m.d.comb += self.word.eq(read.data)
 
         started, starting = Signal(), Signal()  # settings are to be written, into this bank
         with m.If(self.begin):

@@ -33,6 +33,7 @@ class RowStore(wiring.Component):
     Parameters
     ----------
     max_rows : full rows of a bank, a power of two
+    fast_clock : the word goes through a register behind the memory; without it, it comes a clock sooner
 
     Members
     -------
@@ -51,10 +52,11 @@ class RowStore(wiring.Component):
         ``max_rows`` is no power of two.
     """
 
-    def __init__(self, max_rows: int) -> None:
+    def __init__(self, max_rows: int, *, fast_clock: bool = True) -> None:
         if max_rows < 2 or max_rows & (max_rows - 1):
             raise ValueError(f"max_rows is {max_rows}; a power of two is needed, at least 2")
         self.max_rows = max_rows
+        self.fast_clock = fast_clock
         super().__init__(
             {
                 "frame_first": In(1),
@@ -159,7 +161,10 @@ class RowStore(wiring.Component):
                         ]
 
         m.d.comb += [read.addr.eq(Cat(self.index, self.bank)), read.en.eq(1)]
-        m.d.sync += self.word.eq(read.data)
+        if self.fast_clock:
+            m.d.sync += self.word.eq(read.data)
+        else:
+            m.d.comb += self.word.eq(read.data)
         return m
 
 
