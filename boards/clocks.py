@@ -1,8 +1,8 @@
 """Clocks of the boards, from the one oscillator that each has.
 
 An ECP5's PLL runs at 480 MHz, of which every frequency that the card needs is a whole part: ``sync`` as the board
-has it, ``usb_io`` 48 MHz, ``usb`` 12 MHz, ``xclk`` 24 MHz for a camera. An iCE40's makes one, for ``sync`` and
-``xclk``.
+has it, ``usb_io`` 48 MHz, ``usb`` 12 MHz, ``xclk`` 24 MHz for a camera. A second one, at 600 MHz, makes ``pixel`` where
+pixels have a clock of their own. An iCE40's makes one, for ``sync`` and ``xclk``.
 
 Sources: Lattice FPGA-TN-02200 (ECP5 sysClock PLL/DLL), FPGA-TN-02052 (iCE40 sysCLOCK PLL).
 """
@@ -14,6 +14,7 @@ from amaranth.lib import io
 from amaranth.lib.cdc import ResetSynchronizer
 
 _VCO_HZ = 480_000_000
+_PIXEL_VCO_HZ = 600_000_000
 _ECP5_OTHERS_HZ = {"usb_io": 48_000_000, "usb": 12_000_000, "xclk": 24_000_000}
 _ICE40_SETTLES_S = 15e-6
 """Block RAMs of an iCE40 read as zero for some 3 us after configuration (IceStorm's issue 76)."""
@@ -23,32 +24,35 @@ class ClockError(ValueError):
     """The PLL cannot make the clock that a board asks for."""
 
 
-def ecp5_dividers(from_hz: float, sync_hz: float) -> tuple[int, int, int]:
-    """Input, feedback and output divider for ``sync_hz``, with the oscillator at 480 MHz.
+def ecp5_dividers(from_hz: float, sync_hz: float, vco_hz: int = _VCO_HZ) -> tuple[int, int, int]:
+    """Input, feedback and output divider for ``sync_hz``, with the oscillator at ``vco_hz``.
 
     Raises
     ------
     ClockError
-        There are none: ``sync_hz`` has to divide 480 MHz, by up to 128.
+        There are none: ``sync_hz`` has to divide ``vco_hz``, by up to 128.
     """
-    output = round(_VCO_HZ / sync_hz)
+    output = round(vco_hz / sync_hz)
     # The phase comparator takes 3.125 MHz at least.
     for divider in range(1, 129):
         feedback = round(sync_hz * divider / from_hz)
-        exact = from_hz * feedback == sync_hz * divider and output * sync_hz == _VCO_HZ
+        exact = from_hz * feedback == sync_hz * divider and output * sync_hz == vco_hz
         if exact and 1 <= feedback <= 128 and output <= 128 and from_hz / divider >= 3_125_000:
             return divider, feedback, output
-    raise ClockError(f"no clock of {sync_hz / 1e6:g} MHz from {from_hz / 1e6:g} MHz: it has to divide 480 MHz")
+    made, there, whole = (f"{hz / 1e6:g} MHz" for hz in (sync_hz, from_hz, vco_hz))
+    raise ClockError(f"no clock of {made} from {there}: it has to divide {whole}")
 
 
 class Ecp5Clocks(Elaboratable):
-    """Drives the domains ``sync``, ``usb_io``, ``usb`` and ``xclk`` of an ECP5, their edges in phase.
+    """Drives the domains ``sync``, ``usb_io``, ``usb`` and ``xclk`` of an ECP5, their edges in phase, and ``pixel``.
 
-    ``sync`` has no reset of its own: the global one holds every register until the PLL is locked.
+    ``sync`` and ``pixel`` have no reset of their own: the global one holds every register until all PLLs are locked. It
+    ends with a clock of ``sync``, which is any moment for ``pixel``: nothing changes there before images come.
 
     Parameters
     ----------
     sync_hz : has to divide 480 MHz
+    pixel_hz : has to divide 600 MHz; None: there is no such domain
 
     Raises
     ------
@@ -56,45 +60,36 @@ class Ecp5Clocks(Elaboratable):
         The PLL cannot make it.
     """
 
-    domains: ClassVar = {"sync": True, **dict.fromkeys(_ECP5_OTHERS_HZ, False)}
-    """Those that it drives, and whether they are without reset."""
-
-    def __init__(self, sync_hz: int) -> None:
+    def __init__(self, sync_hz: int, pixel_hz: int | None = None) -> None:
         self.sync_hz = sync_hz
+        self.pixel_hz = pixel_hz
+
+    @property
+    def domains(self) -> dict[str, bool]:
+        """Those that it drives, and whether they are without reset."""
+        pixel = {} if self.pixel_hz is None else {"pixel": True}
+        return {"sync": True, **pixel, **dict.fromkeys(_ECP5_OTHERS_HZ, False)}
 
     def elaborate(self, platform):
         m = Module()
-        divider, feedback, output = ecp5_dividers(platform.default_clk_frequency, self.sync_hz)
+        from_hz = platform.default_clk_frequency
+        dividers = ecp5_dividers(from_hz, self.sync_hz)
         m.submodules.oscillator = oscillator = io.Buffer("i", platform.request(platform.default_clk, dir="-"))
         reset = Const(0)
         if platform.default_rst is not None:
             m.submodules.button = button = io.Buffer("i", platform.request(platform.default_rst, dir="-"))
             reset = button.i
-        dividers = [output, *(_VCO_HZ // hz for hz in _ECP5_OTHERS_HZ.values())]
         clocks = [Signal(name=f"clk_{name}") for name in ("sync", *_ECP5_OTHERS_HZ)]
+        locks = Signal(1 if self.pixel_hz is None else 2)
         locked = Signal()
-        outputs = {}
-        for name, division, clock in zip(("CLKOP", "CLKOS", "CLKOS2", "CLKOS3"), dividers, clocks, strict=True):
-            outputs |= {
-                f"p_{name}_ENABLE": "ENABLED",
-                f"p_{name}_DIV": division,
-                f"p_{name}_CPHASE": division - 1,  # so that all edges coincide
-                f"p_{name}_FPHASE": 0,
-                f"o_{name}": clock,
-            }
-        idle = ("RST", "STDBY", "PHASESEL0", "PHASESEL1", "PHASEDIR", "PHASESTEP", "PHASELOADREG", "PLLWAKESYNC")
-        m.submodules.pll = Instance(
-            "EHXPLLL",
-            p_CLKI_DIV=divider,
-            p_CLKFB_DIV=feedback,
-            p_FEEDBK_PATH="CLKOP",
-            **outputs,
-            i_CLKI=oscillator.i,
-            i_CLKFB=clocks[0],
-            **{f"i_{name}": 0 for name in (*idle, "ENCLKOP")},
-            o_LOCK=locked,
-        )
-        m.d.comb += ClockSignal("sync").eq(clocks[0])
+        others = [_VCO_HZ // hz for hz in _ECP5_OTHERS_HZ.values()]
+        m.submodules.pll = _ecp5_pll(oscillator.i, dividers, others, clocks, locks[0])
+        m.d.comb += [ClockSignal("sync").eq(clocks[0]), locked.eq(locks.all())]
+        if self.pixel_hz is not None:
+            clock = Signal(name="clk_pixel")
+            dividers = ecp5_dividers(from_hz, self.pixel_hz, _PIXEL_VCO_HZ)
+            m.submodules.pixel_pll = _ecp5_pll(oscillator.i, dividers, [], [clock], locks[1])
+            m.d.comb += ClockSignal("pixel").eq(clock)
         released = Signal(2)
         for stage, value in enumerate((locked & ~reset, released[0])):
             m.submodules[f"released_{stage}"] = Instance(
@@ -105,6 +100,34 @@ class Ecp5Clocks(Elaboratable):
             m.d.comb += ClockSignal(name).eq(clock)
             m.submodules[f"reset_{name}"] = ResetSynchronizer(~locked | reset, domain=name)
         return m
+
+
+def _ecp5_pll(
+    source: Signal, dividers: tuple[int, int, int], others: list[int], clocks: list[Signal], locked: Signal
+) -> Instance:
+    """A PLL with ``others`` as dividers of its further outputs."""
+    divider, feedback, output = dividers
+    outputs = {}
+    for name, division, clock in zip(("CLKOP", "CLKOS", "CLKOS2", "CLKOS3"), [output, *others], clocks, strict=False):
+        outputs |= {
+            f"p_{name}_ENABLE": "ENABLED",
+            f"p_{name}_DIV": division,
+            f"p_{name}_CPHASE": division - 1,  # so that all edges coincide
+            f"p_{name}_FPHASE": 0,
+            f"o_{name}": clock,
+        }
+    idle = ("RST", "STDBY", "PHASESEL0", "PHASESEL1", "PHASEDIR", "PHASESTEP", "PHASELOADREG", "PLLWAKESYNC")
+    return Instance(
+        "EHXPLLL",
+        p_CLKI_DIV=divider,
+        p_CLKFB_DIV=feedback,
+        p_FEEDBK_PATH="CLKOP",
+        **outputs,
+        i_CLKI=source,
+        i_CLKFB=clocks[0],
+        **{f"i_{name}": 0 for name in (*idle, "ENCLKOP")},
+        o_LOCK=locked,
+    )
 
 
 def ice40_dividers(from_hz: float, sync_hz: float) -> tuple[int, int]:

@@ -1,8 +1,13 @@
 """What boards with an ECP5 share: parts of the FPGA that the tools don't choose by themselves."""
 
-from amaranth.hdl import Cat, ClockSignal, Const, Instance, Module, Signal
+from amaranth.hdl import C, Cat, ClockSignal, Const, Instance, Module, Signal, Value
 
 from gateware.arithmetic import Multiply
+from gateware.memory import BlockRam, BlockRom
+
+_ADDRESS_BITS = 14
+_HALF = 18
+"""Bits of a block RAM's data bus; a port of 36 has those of both sides."""
 
 
 class Ecp5:
@@ -26,7 +31,7 @@ class Ecp5:
             p_REG_OUTPUT_CLK="CLK0",
             p_GSR="DISABLED",
             i_CLK0=ClockSignal(),
-            i_CE0=1,
+            i_CE0=multiply.enable,
             i_RST0=0,
             i_SOURCEA=0,
             i_SOURCEB=0,
@@ -34,3 +39,68 @@ class Ecp5:
         )
         m.d.comb += multiply.product.eq(Cat(product))
         return m
+
+    def get_block_ram(self, ram: BlockRam) -> Module:
+        """DP16KDs side by side with the output register inside them, which Yosys leaves unused: 5.8 ns from the clock
+        to the word without. Port A writes, port B reads; the pins are as Yosys would have them.
+        """
+        m = Module()
+        width = next(width for width in (36, 18, 9) if ram.depth * width <= 1024 * _HALF)
+        written, read = Value.cast(ram.write.data), Value.cast(ram.read.data)
+        for number, at in enumerate(range(0, len(read), width)):
+            word = Signal(width, name=f"word{number}")
+            bits = Signal(width, name=f"bits{number}")
+            m.d.comb += [word.eq(written[at : at + width]), read[at : at + width].eq(bits)]
+            pins = _data("i_DI", word, "A") | _data("o_DO", bits, "A" if width > _HALF else "B")
+            pins |= _address("A", ram.write.addr, width, enabled=True) | _address("B", ram.read.addr, width)
+            pins |= {"i_CEA": ram.write.en, "i_WEA": 1, "i_OCEA": ram.read.en}
+            pins |= {"i_CEB": ram.read.en, "i_WEB": 0, "i_OCEB": ram.read.en}
+            m.submodules[f"ram{number}"] = _dp16kd(width, [], pins)
+        return m
+
+    def get_block_rom(self, rom: BlockRom) -> Module:
+        """One DP16KD whose ports both read, as :meth:`get_block_ram` has it."""
+        m = Module()
+        width = next(width for width in (18, 9) if rom.depth * width <= 1024 * _HALF)
+        pins = {}
+        for side, address, out in zip("AB", rom.address, rom.word, strict=True):
+            word = Signal(width, name=f"word{side}")
+            m.d.comb += out.eq(word)
+            pins |= _data("o_DO", word, side) | _address(side, address, width)
+            pins |= {f"i_CE{side}": 1, f"i_WE{side}": 0, f"i_OCE{side}": 1}
+        assert rom.bits <= width
+        step = _HALF // width
+        init = [
+            sum(word << (9 * n) for n, word in enumerate(rom.init[at : at + step]))
+            for at in range(0, len(rom.init), step)
+        ]
+        m.submodules.rom = _dp16kd(width, init, pins)
+        return m
+
+
+def _dp16kd(width: int, init: list[int], pins: dict) -> Instance:
+    """A block RAM with its output registers; ``init`` in words of 18 bits."""
+    rows = [init[at : at + 16] for at in range(0, len(init), 16)]
+    values = {
+        f"p_INITVAL_{number:02X}": Const(sum(word << (20 * n) for n, word in enumerate(row)), 320)
+        for number, row in enumerate(rows)
+    }
+    for side in "AB":
+        pins |= {f"i_CLK{side}": ClockSignal(), f"i_RST{side}": 0}
+        pins |= {f"i_CS{side}{bit}": 0 for bit in range(3)}
+        values |= {f"p_DATA_WIDTH_{side}": width, f"p_REGMODE_{side}": "OUTREG", f"p_CSDECODE_{side}": "0b000"}
+        values |= {f"p_CLK{side}MUX": f"CLK{side}", f"p_WRITEMODE_{side}": "NORMAL"}
+    return Instance("DP16KD", p_RESETMODE="SYNC", p_ASYNC_RESET_RELEASE="SYNC", p_GSR="DISABLED", **values, **pins)
+
+
+def _data(name: str, word: Signal, side: str) -> dict:
+    """Pins of a word: 36 bits take those of side B as well."""
+    return {f"{name}{side if bit < _HALF else 'B'}{bit % _HALF}": word[bit] for bit in range(len(word))}
+
+
+def _address(side: str, address, width: int, *, enabled: bool = False) -> dict:
+    """Pins of an address: those of words of 9, 18, 36 bits begin at bits 3, 4, 5; below, ``enabled`` sets all bytes."""
+    low = {9: 3, 18: 4, 36: 5}[width]
+    bytes_on = (1 << (width // 9)) - 1 if enabled and width > 9 else 0
+    pins = Cat(C(bytes_on, low), address, C(0, _ADDRESS_BITS - low - len(address)))
+    return {f"i_AD{side}{bit}": pins[bit] for bit in range(_ADDRESS_BITS)}

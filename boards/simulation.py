@@ -6,7 +6,7 @@ Verilator renames double underscores, so no port has one.
 
 import sys
 
-from amaranth.hdl import ClockDomain, ClockSignal, Module
+from amaranth.hdl import ClockDomain, ClockSignal, DomainRenamer, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -43,6 +43,7 @@ class SimulationTop(wiring.Component):
     Parameters
     ----------
     features : what it is built with
+    own_clock : pixels come, and are measured, with the clock ``pixel_clk``
     pattern : the card's own test picture instead of a camera: the ``video`` ports are not connected then, and the
         motor's outputs are wired to the encoder's inputs, PWM to A, direction to B, brake to the index
 
@@ -52,6 +53,7 @@ class SimulationTop(wiring.Component):
         a pixel, taken in every clock in which it is valid; the core sees it a clock later
     video_frame_end : strobe after the last pixel of an image
     video_field : which rows it has
+    pixel_clk : clock of the above, with ``own_clock``
     rx_valid, rx_data, rx_ready, tx_valid, tx_data, tx_ready : bytes; one moves in each clock
         in which valid and ready are both high
     encoder_a, encoder_b, index, interlock, clock_hz, serial, link_baud, line_errors, pwm, direction, brake, laser,
@@ -59,12 +61,15 @@ class SimulationTop(wiring.Component):
         as in :class:`~gateware.core.Core`
     """
 
-    def __init__(self, features: Features = EVERYTHING, pattern: Pattern | None = None) -> None:
-        self.core = Core(features)
+    def __init__(
+        self, features: Features = EVERYTHING, pattern: Pattern | None = None, *, own_clock: bool = False
+    ) -> None:
+        self.core = Core(features, "pixel" if own_clock else "sync")
         self.pattern = pattern
         super().__init__(
             {
                 "clk": In(1),
+                **({"pixel_clk": In(1)} if own_clock else {}),
                 "video_valid": In(1),
                 "video_r": In(8),
                 "video_g": In(8),
@@ -89,18 +94,23 @@ class SimulationTop(wiring.Component):
         m.domains.sync = ClockDomain(reset_less=True)
         m.d.comb += ClockSignal().eq(self.clk)
         m.submodules.core = core = self.core
+        pixels = core.pixel_domain
+        if pixels != "sync":
+            m.domains += ClockDomain(pixels, reset_less=True)
+            m.d.comb += ClockSignal(pixels).eq(self.pixel_clk)
         if self.pattern is None:
             pixel = core.video.pixel
             # Pixels go through a register: Verilator computes twice a clock what depends on an input.
-            m.d.sync += [
+            m.d[pixels] += [
                 pixel.valid.eq(self.video_valid),
                 core.video.frame_end.eq(self.video_frame_end),
                 core.video.field.eq(self.video_field),
             ]
             for name in ("r", "g", "b", "row_first", "row_last", "frame_first"):
-                m.d.sync += pixel.payload[name].eq(getattr(self, f"video_{name}"))
+                m.d[pixels] += pixel.payload[name].eq(getattr(self, f"video_{name}"))
         else:
-            m.submodules.pattern = pattern = self.pattern
+            pattern = self.pattern
+            m.submodules.pattern = DomainRenamer(pixels)(pattern)
             wiring.connect(m, pattern.video, core.video)
             m.d.comb += pattern.run.eq(core.run)
         m.d.comb += [

@@ -80,6 +80,12 @@ not matter. Wide choices go by one bit each from registers (`gateware/select.py`
 function of six inputs.
 
 What a register takes stands in a ROM, and what was written is read back from a memory, a block RAM each on an ECP5.
+
+Rows are stored in the form in which they are sent, as words of 32 bits: 8 block RAMs hold two buffers of 512 rows in
+the full form or 2048 in the compact one, 16 and 32 hold 1024 and 2048 full rows.
+
+The CRC takes 142 LUTs for 8 bits a clock, a third of that for 4 bits and less for one; the link has the clocks. Where
+nothing but order counts, an address is a shift register with feedback (`gateware/link/fifo.py`): no carry, one LUT.
 """
 
 

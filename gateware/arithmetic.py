@@ -1,6 +1,6 @@
 """Delays, sums, products and quotients, one row of carries a clock."""
 
-from amaranth.hdl import Cat, Module, Mux, Shape, ShapeCastable, ShapeLike, Signal, Value, signed, unsigned
+from amaranth.hdl import C, Cat, Module, Mux, Shape, ShapeCastable, ShapeLike, Signal, Value, signed, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -42,6 +42,33 @@ def adder_tree(terms: list, register):
     return terms[0]
 
 
+def sums(m: Module, pairs: list, bits: int, name: str) -> list:
+    """``a + b`` of each pair of unsigned numbers, one bit more than ``bits``, in one row of carries.
+
+    A row takes an ECP5 cells for its beginning: one long row is less than many short ones.
+    """
+    firsts, seconds = zip(*pairs, strict=True)
+    row = Signal((bits + 1) * len(pairs), name=name)
+    m.d.comb += row.eq(_side_by_side(firsts, bits, 0) + _side_by_side(seconds, bits, 0))
+    return [row.word_select(at, bits + 1) for at in range(len(pairs))]
+
+
+def differences(m: Module, pairs: list, bits: int, name: str) -> list:
+    """``a - b`` of each pair of unsigned numbers, of ``bits`` and a sign, as :func:`sums` adds."""
+    firsts, seconds = zip(*pairs, strict=True)
+    row = Signal((bits + 1) * len(pairs), name=name)
+    # The bit above a number takes what is borrowed; it stays 1 where nothing is.
+    m.d.comb += row.eq(_side_by_side(firsts, bits, 1) - _side_by_side(seconds, bits, 0))
+    parts = [row.word_select(at, bits + 1) for at in range(len(pairs))]
+    return [Cat(part[:-1], ~part[-1]).as_signed() for part in parts]
+
+
+def _side_by_side(values, bits: int, above: int):
+    return Cat(
+        *(Cat(Value.cast(value)[:bits], C(0, bits - len(Value.cast(value)[:bits])), C(above, 1)) for value in values)
+    )
+
+
 class Multiply(wiring.Component):
     """A product per clock, of factors of up to 18 bits: what FPGAs have multipliers for.
 
@@ -56,7 +83,8 @@ class Multiply(wiring.Component):
     Members
     -------
     a, b : factors
-    product : ``a * b`` of :attr:`latency` clocks ago; exact, it can't overflow
+    enable : all registers move; 1 if it is left alone
+    product : ``a * b`` of :attr:`latency` clocks with ``enable`` ago; exact, it can't overflow
 
     Raises
     ------
@@ -70,7 +98,7 @@ class Multiply(wiring.Component):
             if not 1 <= shape.width <= MULTIPLIER_BITS:
                 raise ValueError(f"factor {name} has {shape.width} bits; 1 to {MULTIPLIER_BITS} are possible")
         product = Shape(a.width + b.width, a.signed or b.signed)
-        super().__init__({"a": In(a), "b": In(b), "product": Out(product)})
+        super().__init__({"a": In(a), "b": In(b), "enable": In(1, init=1), "product": Out(product)})
 
     latency = 2
     """Clocks from the factors to the product."""
@@ -81,7 +109,8 @@ class Multiply(wiring.Component):
         m = Module()
         a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
         product = Signal.like(self.product, reset_less=True)
-        m.d.sync += [a.eq(self.a), b.eq(self.b), product.eq(a * b)]
+        with m.If(self.enable):
+            m.d.sync += [a.eq(self.a), b.eq(self.b), product.eq(a * b)]
         m.d.comb += self.product.eq(product)
         return m
 

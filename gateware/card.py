@@ -83,6 +83,7 @@ class Card(Elaboratable):
     ----------
     source : where the images come from: a component, or a camera on the board's pins, by
         :func:`~gateware.camera.pins.camera_dvp` or :func:`~gateware.camera.pins.camera_rgb`
+    pixel_domain : of its images, as of :class:`~gateware.core.Core`
     link : :func:`uart` or :func:`usb`
     clock_hz : frequency of the ``sync`` domain
     serial : serial number of the card, 64 bits; 0: it has none
@@ -96,13 +97,14 @@ class Card(Elaboratable):
         *,
         clock_hz: int,
         serial: int = 0,
+        pixel_domain: str = "sync",
         features: Features = EVERYTHING,
     ) -> None:
         self.source = source
         self.link = link
         self.serial = serial
         self.clock_hz = clock_hz
-        self.core = Core(features)
+        self.core = Core(features, pixel_domain)
 
     def elaborate(self, platform):
         m = Module()

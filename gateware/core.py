@@ -4,19 +4,17 @@ from amaranth.hdl import Module
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from .crossing.tables import TableGuard
 from .features import EVERYTHING, Features
-from .frame.admission import Admission
 from .frame.alternation import Alternation
 from .frame.assembler import FrameAssembler
 from .frame.buffer import FrameBuffer
 from .frame.facts import MotionFacts
-from .frame.snapshot import Snapshot
 from .layouts import Bytes, CameraStatus, Video
 from .link.link import Link
 from .motion.motion import Motion
+from .pixel_path import ClockedPixelPath, PixelPath
 from .registers import RegisterFile
-from .vision.gated import GatedVision
-from .vision.vision import Vision
 
 
 class Core(wiring.Component):
@@ -25,6 +23,8 @@ class Core(wiring.Component):
     Parameters
     ----------
     features : what the card is built with
+    pixel_domain : clock domain of ``video`` and ``run``, in which pixels are measured: ``sync``, which is that of all
+        else, or another (:class:`~gateware.pixel_path.ClockedPixelPath` has its limits)
 
     Members
     -------
@@ -42,8 +42,9 @@ class Core(wiring.Component):
     camera_exposure, camera_gain : what the camera is to be set to, as the registers of these names have it
     """
 
-    def __init__(self, features: Features = EVERYTHING) -> None:
+    def __init__(self, features: Features = EVERYTHING, pixel_domain: str = "sync") -> None:
         self.features = features
+        self.pixel_domain = pixel_domain
         super().__init__(
             {
                 "video": In(Video()),
@@ -72,8 +73,9 @@ class Core(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         features = self.features
-        m.submodules.admission = admission = Admission(close_images=features.close_images)
-        m.submodules.vision = vision = Vision(features) if features.runs else GatedVision(features)
+        own_clock = self.pixel_domain != "sync"
+        path = ClockedPixelPath(features, self.pixel_domain) if own_clock else PixelPath(features)
+        m.submodules.pixels = pixels = path
         m.submodules.alternation = alternation = Alternation()
         m.submodules.motion = motion = Motion(self.features)
         m.submodules.buffer = buffer = FrameBuffer(
@@ -84,37 +86,39 @@ class Core(wiring.Component):
         m.submodules.link = link = Link()
 
         # Pixels to packets.
-        connect(m, flipped(self.video), admission.i)
-        connect(m, admission.video, vision.video)
-        connect(m, vision.rows, buffer.rows)
+        connect(m, flipped(self.video), pixels.video)
+        connect(m, pixels.rows, buffer.rows)
         connect(m, buffer.reader, assembler.i)
         connect(m, assembler.o, link.frame)
         connect(m, link.tx, flipped(self.tx))
 
         # Pictures for people.
         if features.snapshot:
-            m.submodules.snapshot = snapshot = Snapshot()
-            connect(m, vision.raw, snapshot.raw)
-            connect(m, vision.measured, snapshot.measured)
-            connect(m, snapshot.o, link.snapshot)
+            connect(m, pixels.snapshot, link.snapshot)
             m.d.comb += [
-                snapshot.settings.eq(registers.now),
-                snapshot.frame.eq(buffer.number),
-                snapshot.generation.eq(registers.generation),
-                registers.status.snapshot_busy.eq(snapshot.busy),
+                pixels.now.eq(registers.now),
+                pixels.number.eq(buffer.number),
+                pixels.generation.eq(registers.generation),
+                registers.status.snapshot_busy.eq(pixels.snapshot_busy),
             ]
 
         # Commands to settings, and their answers.
         connect(m, flipped(self.rx), link.rx)
-        connect(m, link.command, registers.command)
+        command = link.command
+        if own_clock:
+            m.submodules.guard = guard = TableGuard()
+            connect(m, command, guard.i)
+            m.d.comb += guard.busy.eq(pixels.tables_busy)
+            command = guard.o
+        connect(m, command, registers.command)
         connect(m, registers.answer, link.answer)
-        connect(m, registers.lut, vision.lut)
+        connect(m, registers.lut, pixels.lut)
         connect(m, registers.write, motion.write)
         m.d.comb += [
-            self.run.eq(registers.now.run),
-            admission.run.eq(registers.now.run),
-            registers.frame_start.eq(admission.frame_first),
-            vision.settings.eq(registers.frame),
+            self.run.eq(pixels.source_run),
+            pixels.run.eq(registers.now.run),
+            registers.frame_start.eq(pixels.frame_first),
+            pixels.settings.eq(registers.frame),
             motion.settings.eq(registers.now),
             motion.arm.eq(registers.arm),
             motion.arm_key.eq(registers.arm_key),
@@ -130,9 +134,11 @@ class Core(wiring.Component):
         # Some images are taken without laser.
         m.d.comb += [
             alternation.settings.eq(registers.frame),
-            alternation.run.eq(registers.now.run),
-            alternation.frame_first.eq(admission.frame_first),
-            alternation.frame_end.eq(admission.frame_end),
+            alternation.run.eq(pixels.wanted),
+            alternation.frame_first.eq(pixels.frame_first),
+            alternation.frame_end.eq(pixels.frame_end),
+            alternation.subtracted.eq(pixels.subtracted),
+            pixels.background.eq(alternation.background),
             motion.shutter.eq(alternation.laser),
             buffer.image.phase.eq(alternation.phase),
         ]
@@ -141,21 +147,20 @@ class Core(wiring.Component):
 
         # Images are stamped with the angle.
         m.d.comb += [
-            motion.frame_first.eq(admission.frame_first),
-            motion.row_first.eq(admission.row_first),
+            motion.frame_first.eq(pixels.frame_first),
+            motion.row_first.eq(pixels.row_first),
             motion.take.eq(buffer.take),
             motion.edge_index.eq(buffer.edge_index),
-            buffer.frame_first.eq(admission.frame_first),
-            buffer.frame_end.eq(admission.frame_end),
-            buffer.refused.eq(admission.refused),
+            buffer.frame_first.eq(pixels.frame_first),
+            buffer.frame_end.eq(pixels.frame_end),
+            buffer.refused.eq(pixels.refused),
             buffer.taken.eq(motion.taken),
             buffer.edge.eq(motion.edge),
-            buffer.vision.errors.eq(vision.errors),
-            buffer.vision.columns.eq(vision.image_columns),
+            buffer.vision.eq(pixels.vision),
             buffer.damaged_commands.eq(link.damaged),
             buffer.line_errors.eq(self.line_errors),
             buffer.moving.eq(link.tx.valid & link.tx.ready),
-            buffer.image.field.eq(admission.field),
+            buffer.image.field.eq(pixels.field),
             buffer.start.generation.eq(registers.generation),
             buffer.form.eq(registers.now.form),
             buffer.image.laser_on.eq(motion.laser_on_whole_frame),
@@ -179,7 +184,7 @@ class Core(wiring.Component):
             status.frames.eq(buffer.frames),
             status.dropped.eq(buffer.dropped),
             status.damaged_commands.eq(link.damaged),
-            status.camera_errors.eq(vision.errors_ever),
+            status.camera_errors.eq(pixels.errors_ever),
         ]
         for name, _ in data.Layout.cast(CameraStatus):
             m.d.comb += status[name].eq(self.camera[name])

@@ -30,10 +30,11 @@ import numpy.typing as npt
 
 from .boards import BOARDS, Board
 from .errors import SimError
+from .parts import Object, pose_of
 from .photo import photo
 from .playback import HEADER
 from .render import Renderer
-from .scene import Object, Scene, pose_of
+from .scene import Scene
 from .surfaces import Floats, visible
 from .timing import Timing
 

@@ -66,17 +66,19 @@ def _runtime() -> Path:
     return place
 
 
-def card_verilog(pattern: tuple[int, int, int] | None = None, board: str = "") -> str:
+def card_verilog(pattern: tuple[int, int, int] | None = None, board: str = "", *, own_clock: bool = False) -> str:
     """The card of ``boards/simulation.py`` as Verilog for Verilator, made anew when a source of it changed.
 
     ``pattern``: columns, rows and period in clocks of its own test picture, which it then has instead of a camera.
     ``board``: it is built with what the card on that board is built with; of none, with everything.
+    ``own_clock``: its pixels have one.
     """
     repository = Path(__file__).resolve().parent.parent
     folders = [repository / "gateware", repository / "boards", repository / "host" / "magtrak" / "protocol"]
     sources = [path.read_bytes() for folder in folders for path in sorted(folder.rglob("*.py"))]
     sources.append(Path(enables.__file__).read_bytes())
-    with _cached("verilog", importlib.metadata.version("amaranth"), f"{pattern} {board}", *sources) as (place, folder):
+    made_of = str((pattern, board, own_clock))
+    with _cached("verilog", importlib.metadata.version("amaranth"), made_of, *sources) as (place, folder):
         if folder is not None:
             from boards.catalogue import find  # imported only here: Amaranth takes a second
             from boards.errors import BoardError
@@ -89,7 +91,7 @@ def card_verilog(pattern: tuple[int, int, int] | None = None, board: str = "") -
                 features = find(board).features if board else EVERYTHING
             except BoardError as error:
                 raise SimError(f"{error}.") from None
-            top = SimulationTop(features, Pattern(*pattern) if pattern else None)
+            top = SimulationTop(features, Pattern(*pattern) if pattern else None, own_clock=own_clock)
             (folder / "top.v").write_text(write_where_changed(verilog(top)))
     return (place / "top.v").read_text()
 

@@ -1,62 +1,16 @@
 """From a camera's clock to the card's: rows and frames are formed, carried over, and given their pauses."""
 
-from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, wiring
+from amaranth.hdl import Module, Signal
+from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.fifo import AsyncFIFOBuffered
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Out, connect, flipped
 
-from ..layouts import Field, Video
+from ..layouts import Video
+from .forming import Forming, Sampled, Word, told
 from .monitor import MIN_BLANKING, MIN_FRAME_GAP, MIN_ROW_PERIOD
 
-VERTICAL_CLOCKS = 8
-"""Camera clocks for which the vertical sync must be on to end an image: a shorter pulse is a glitch."""
-
-
 _MARGIN = 4  # words that may be under way to the FIFO when it has no more room
-
-
-class Sampled(wiring.Signature):
-    """A camera's bus after its own decoding, in the ``camera`` domain, everything active high.
-
-    Members
-    -------
-    row : within a row; low between rows
-    valid : a pixel is there; only while ``row``
-    r, g, b : the pixel
-    broken : strobe, in the first clock after a row: it did not end with a whole pixel
-    vertical : vertical sync; an image ends, and the next one begins, where it goes on
-    field : of the image whose first pixel is there
-    """
-
-    def __init__(self) -> None:
-        super().__init__(
-            {
-                "row": Out(1),
-                "valid": Out(1),
-                "r": Out(8),
-                "g": Out(8),
-                "b": Out(8),
-                "broken": Out(1),
-                "vertical": Out(1),
-                "field": Out(Field),
-            }
-        )
-
-
-class _Word(data.Struct):
-    """What the FIFO carries: a pixel, the end of an image, or (``mark``) a fault, with what to count in r and g."""
-
-    r: 8
-    g: 8
-    b: 8
-    valid: 1
-    row_first: 1
-    row_last: 1
-    frame_first: 1
-    frame_end: 1
-    mark: 1
-    field: Field
 
 
 class Crossing(wiring.Component):
@@ -114,108 +68,24 @@ class Crossing(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.fifo = fifo = AsyncFIFOBuffered(
-            width=_Word.as_shape().size, depth=self.depth + 1, w_domain="camera", r_domain="sync"
+            width=Word.as_shape().size, depth=self.depth + 1, w_domain="camera", r_domain="sync"
         )
-        self._form(m, fifo)
+        m.submodules.forming = forming = Forming()
+        m.submodules.synchronizer = FFSynchronizer(self.enable, forming.enable, o_domain="camera")
+        connect(m, flipped(self.i), forming.i)
+        # A stage before the FIFO, and a look at its level that is three clocks old: both for speed.
+        m.d.camera += [
+            fifo.w_data.eq(forming.word),
+            fifo.w_en.eq(forming.put & forming.room),
+            forming.room.eq(fifo.w_level < self.depth - _MARGIN),
+        ]
         self._pace(m, fifo)
         return m
-
-    def _form(self, m: Module, fifo) -> None:
-        """In ``camera``: words into the FIFO."""
-        i = self.i
-        enabled = Signal()
-        m.submodules.synchronizer = FFSynchronizer(self.enable, enabled, o_domain="camera")
-        stable = Signal(range(VERTICAL_CLOCKS + 1))
-        boundary = Signal()  # strobe: an image ends, the next begins
-        with m.If(~i.vertical):
-            m.d.camera += stable.eq(0)
-        with m.Elif(stable != VERTICAL_CLOCKS):
-            m.d.camera += stable.eq(stable + 1)
-        m.d.camera += boundary.eq(i.vertical & (stable == VERTICAL_CLOCKS - 1))
-
-        # The rest of a row in which the boundary came belongs to no image.
-        skipping = Signal()
-        m.d.camera += skipping.eq(i.row & (skipping | boundary))
-        active, pixel = Signal(), Signal()
-        dropping = Signal(init=1)  # until the next image
-        m.d.comb += [active.eq(i.row & ~skipping & ~boundary), pixel.eq(i.valid & active & ~dropping)]
-
-        held = Signal(_Word)
-        holding = Signal()
-        row_starts = Signal(init=1)  # the next pixel is the first of its row
-        frame_starts = Signal()  # and of its image
-        with m.If(pixel):
-            m.d.camera += [
-                held.r.eq(i.r),
-                held.g.eq(i.g),
-                held.b.eq(i.b),
-                held.row_first.eq(row_starts),
-                held.frame_first.eq(frame_starts),
-                held.field.eq(i.field),
-                row_starts.eq(0),
-                frame_starts.eq(0),
-            ]
-        with m.If(~active):
-            m.d.camera += row_starts.eq(1)
-
-        # A held pixel goes out before a mark does: that finds a free clock, since the next row's first is held a clock.
-        release = Signal()
-        end_due, broken_due, cut_due = Signal(), Signal(), Signal()
-        breaks = Signal()
-        lost = Signal(8)  # images, to be told with the cut
-        # A stage before the FIFO, and a look at its level that is three clocks old: both for speed.
-        word, put = Signal(_Word), Signal()
-        room = Signal()
-        m.d.camera += [fifo.w_data.eq(word), fifo.w_en.eq(put & room), room.eq(fifo.w_level < self.depth - _MARGIN)]
-        m.d.comb += [
-            breaks.eq((i.broken | (boundary & i.row)) & ~dropping),
-            release.eq(holding & (pixel | ~active)),
-        ]
-        with m.If(dropping):
-            m.d.comb += [
-                put.eq(cut_due | end_due),
-                word.valid.eq(cut_due),
-                word.frame_end.eq(1),
-                word.mark.eq(cut_due),
-                word.r.eq(lost),
-            ]
-        with m.Elif(release):
-            m.d.comb += [put.eq(1), word.eq(held), word.valid.eq(1), word.row_last.eq(~active)]
-        with m.Elif(end_due | broken_due):
-            m.d.comb += [
-                put.eq(1),
-                word.valid.eq(broken_due),
-                word.frame_end.eq(end_due),
-                word.mark.eq(broken_due),
-                word.g.eq(1),
-            ]
-        overflow = Signal()
-        m.d.comb += overflow.eq(put & ~room & ~dropping)
-        marked = ~release & ~dropping  # what was due is written
-        m.d.camera += [
-            holding.eq(pixel | (holding & ~release)),
-            end_due.eq((boundary & ~dropping) | (end_due & ~marked)),
-            broken_due.eq(breaks | (broken_due & ~marked)),
-        ]
-        with m.If(boundary):
-            m.d.camera += frame_starts.eq(1)
-        with m.If(overflow):
-            m.d.camera += [dropping.eq(1), cut_due.eq(1), end_due.eq(0), lost.eq(1 + boundary)]
-        with m.Elif(dropping):
-            m.d.camera += [holding.eq(0), broken_due.eq(0)]
-            with m.If(room):
-                m.d.camera += [cut_due.eq(0), end_due.eq(0)]
-            with m.If(boundary & enabled & (~cut_due | room)):
-                m.d.camera += dropping.eq(0)
-            with m.Elif(boundary & cut_due & ~lost.all()):
-                m.d.camera += lost.eq(lost + 1)
-        with m.Elif(boundary & ~enabled):
-            m.d.camera += dropping.eq(1)
 
     def _pace(self, m: Module, fifo) -> None:
         """In ``sync``: words out of the FIFO."""
         video = self.video
-        word = Signal(_Word)
+        word = Signal(Word)
         taken, wait = Signal(), Signal()
         left = Signal(range(MIN_FRAME_GAP))  # clocks in which no row may begin
         pause = Signal()  # left != 0, ahead of time
@@ -233,17 +103,4 @@ class Crossing(wiring.Component):
             m.d.sync += [left.eq(MIN_BLANKING - 1), pause.eq(1)]
         with m.Elif(pause):
             m.d.sync += [left.eq(left - 1), pause.eq(left != 1)]
-        m.d.sync += [
-            video.pixel.valid.eq(taken & word.valid),
-            video.frame_end.eq(taken & word.frame_end),
-            video.field.eq(word.field),
-        ]
-        for name in ("r", "g", "b"):
-            m.d.sync += video.pixel.p[name].eq(Mux(word.mark, 0, word[name]))
-        for name in ("row_first", "row_last", "frame_first"):
-            m.d.sync += video.pixel.p[name].eq(word[name])
-        for counter, number in ((self.cut, word.r), (self.broken, word.g)):
-            sum_ = Signal(9, name=f"{counter.name}_sum")
-            m.d.comb += sum_.eq(counter + number)
-            with m.If(taken & word.mark):
-                m.d.sync += counter.eq(sum_[:8] | sum_[8].replicate(8))
+        told(m, "sync", taken, word, video, {"cut": self.cut, "broken": self.broken})

@@ -12,6 +12,8 @@ from amaranth.lib.cdc import ResetSynchronizer
 from magtrak.protocol import Sensor
 
 from ..core import Core
+from ..crossing.exchange import FASTEST
+from ..crossing.mirror import Mirror
 from .dvp import Dvp
 from .rgb import Interlace, Rgb
 from .sensor import SensorTable
@@ -38,6 +40,8 @@ def camera_dvp(table: SensorTable | None = None, *, pclk_hz: float = 50e6, xclk:
     """
 
     def add(m: Module, platform, core: Core, clock_hz: int) -> Dvp:
+        if core.pixel_domain != "sync":
+            raise ValueError(f"pixel_domain is {core.pixel_domain!r}; DVP's images come to 'sync'")
         port = platform.request("camera", 0, dir="-")
         _domain(m, platform, port.pclk, pclk_hz)
         order = {} if table is None else {"high_byte_first": table.high_byte_first}
@@ -62,7 +66,7 @@ def camera_dvp(table: SensorTable | None = None, *, pclk_hz: float = 50e6, xclk:
 
 
 def camera_rgb(*, pclk_hz: float = 75e6, **options) -> Camera:
-    """Parallel video on the board's resource ``video``.
+    """Parallel video on the board's resource ``video``; in a card whose ``pixel_domain`` is ``camera`` nothing crosses.
 
     Its subsignals: ``pclk``, ``hs``, ``vs``, ``de``, ``r``, ``g``, ``b`` (8 each); ``field`` with ``Interlace.PIN``.
 
@@ -70,12 +74,22 @@ def camera_rgb(*, pclk_hz: float = 75e6, **options) -> Camera:
     ----------
     pclk_hz : as in :func:`camera_dvp`
     options : of :class:`~gateware.camera.rgb.Rgb`
+
+    Raises
+    ------
+    ValueError
+        When a card is made: its ``pixel_domain`` is another, or too fast for its clock.
     """
 
     def add(m: Module, platform, core: Core, clock_hz: int) -> Rgb:
+        if core.pixel_domain not in ("sync", "camera"):
+            raise ValueError(f"pixel_domain is {core.pixel_domain!r}; 'sync' and 'camera' are possible here")
+        own_clock = core.pixel_domain == "camera"
+        if own_clock and pclk_hz > FASTEST * clock_hz:
+            raise ValueError(f"pclk_hz is {pclk_hz:g}; up to {FASTEST} times {clock_hz} are possible")
         port = platform.request("video", 0, dir="-")
         _domain(m, platform, port.pclk, pclk_hz)
-        source = Rgb(**options)
+        source = Rgb(own_clock=own_clock, **options)
         for name in ("hs", "vs", "de", "r", "g", "b"):
             _sampled(m, port, name, getattr(source, name))
         if source.interlace is Interlace.PIN:
@@ -117,15 +131,20 @@ def _setup(m: Module, clock_hz: int, port, core: Core, table: SensorTable) -> No
 
 
 def _report(m: Module, core: Core, source: Dvp | Rgb, sensor: Sensor) -> None:
-    m.submodules.camera_timing = timing = Timing()
+    m.submodules.camera_timing = timing = Timing(core.pixel_domain)
     state = core.camera.camera_state
+    broken = source.broken
+    if core.pixel_domain != "sync":
+        m.submodules.camera_broken = mirror = Mirror(broken.shape(), core.pixel_domain, "sync")
+        m.d.comb += mirror.i.eq(broken)
+        broken = mirror.o
     m.d.comb += [
         timing.video.pixel.valid.eq(source.video.pixel.valid),
         timing.video.pixel.payload.eq(source.video.pixel.payload),
         timing.video.frame_end.eq(source.video.frame_end),
         state.sensor.eq(sensor),
         state.cut.eq(source.cut),
-        state.broken.eq(source.broken),
+        state.broken.eq(broken),
         state.clock_missing.eq(timing.clock_missing),
         state.unsteady.eq(timing.unsteady),
         core.camera.camera_row.eq(timing.row),

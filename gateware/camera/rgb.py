@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ..layouts import Field, Video
 from .crossing import Crossing
+from .forming import Direct
 
 _LINE_BITS = 13  # a line has fewer than 8192 clocks
 
@@ -22,7 +23,8 @@ class Rgb(wiring.Component):
     """Images of a source with pixel clock, HS, VS, DE and 24 data lines.
 
     The pixel clock is that of the domain ``camera``. Pixels are those under DE, which falls between rows. Crossing to
-    ``sync`` and faults: see :class:`~gateware.camera.crossing.Crossing`.
+    ``sync`` and faults: see :class:`~gateware.camera.crossing.Crossing`; with ``own_clock`` nothing crosses, see
+    :class:`~gateware.camera.forming.Direct`.
 
     Interlaced pictures come as two images, ``field`` EVEN with rows 0, 2, ... and ODD with rows 1, 3, .... By
     ``PHASE``, a field whose vertical sync begins with a line (within a quarter of it) is ``at_line``, one whose
@@ -36,6 +38,7 @@ class Rgb(wiring.Component):
     at_line : EVEN where the field with the upper row has its vertical sync at a line's begin (1080i), else ODD
     field_invert : high means EVEN
     depth : of the FIFO
+    own_clock : ``video`` and ``broken`` stay in ``camera``, ``cut`` is 0
 
     Members
     -------
@@ -58,6 +61,7 @@ class Rgb(wiring.Component):
         at_line: Field = Field.EVEN,
         field_invert: bool = False,
         depth: int = 512,
+        own_clock: bool = False,
     ) -> None:
         if at_line not in (Field.EVEN, Field.ODD):
             raise ValueError(f"at_line is {at_line}; Field.EVEN and Field.ODD are possible")
@@ -67,7 +71,8 @@ class Rgb(wiring.Component):
         self.interlace = interlace
         self.at_line = at_line
         self.field_invert = field_invert
-        self.crossing = Crossing(depth)
+        self.own_clock = own_clock
+        self.crossing = Direct() if own_clock else Crossing(depth)
         super().__init__(
             {
                 "hs": In(1, init=hs_low),
@@ -88,7 +93,9 @@ class Rgb(wiring.Component):
         m = Module()
         m.submodules.crossing = crossing = self.crossing
         connect(m, crossing.video, flipped(self.video))
-        m.d.comb += [self.cut.eq(crossing.cut), self.broken.eq(crossing.broken)]
+        m.d.comb += self.broken.eq(crossing.broken)
+        if isinstance(crossing, Crossing):
+            m.d.comb += self.cut.eq(crossing.cut)
 
         sampled = crossing.i
         de, vs = self.de ^ self.de_low, self.vs ^ self.vs_low

@@ -1,10 +1,11 @@
 """Measures a camera's timing, so that a wrong or unsteady one is seen."""
 
-from amaranth.hdl import Module, Signal
-from amaranth.lib import wiring
+from amaranth.hdl import DomainRenamer, Module, Signal
+from amaranth.lib import data, wiring
 from amaranth.lib.cdc import FFSynchronizer
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Out, connect, flipped
 
+from ..crossing.mirror import Mirror
 from ..layouts import CameraRow, Video
 
 _PRESCALE_BITS = 3  # camera clocks are counted by 8
@@ -21,9 +22,13 @@ class Timing(wiring.Component):
     Sizes are those of the last image that ended, modulo 4096 (the Monitor reports what is too large). An image is
     unsteady if its rows differ in length, or if it has other rows than the one before it.
 
+    Parameters
+    ----------
+    domain : of ``video``; ``row``, ``row_count`` and ``unsteady`` come to ``sync`` a little later where it is another
+
     Members
     -------
-    video : images, in ``sync``; only looked at
+    video : images, in ``domain``; only looked at
     rate : camera clocks in 4096 of ``sync``, divided by 8, or one less; fewer than 4 camera clocks to one of ``sync``
         are counted
     clock_missing : no 8 camera clocks came within :data:`MISSING_CLOCKS`, also until the first have come; a pixel
@@ -32,7 +37,8 @@ class Timing(wiring.Component):
     unsteady : such images, saturating
     """
 
-    def __init__(self) -> None:
+    def __init__(self, domain: str = "sync") -> None:
+        self.domain = domain
         super().__init__(
             {
                 "video": In(Video()),
@@ -47,7 +53,15 @@ class Timing(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         self._clock(m)
-        self._sizes(m)
+        sizes = Sizes()
+        m.submodules.sizes = DomainRenamer(self.domain)(sizes)
+        connect(m, flipped(self.video), sizes.video)
+        seen = sizes.seen
+        if self.domain != "sync":
+            m.submodules.mirror = mirror = Mirror(_Sizes, self.domain, "sync")
+            m.d.comb += mirror.i.eq(seen)
+            seen = mirror.o
+        m.d.comb += [self.row.eq(seen.row), self.row_count.eq(seen.row_count), self.unsteady.eq(seen.unsteady)]
         return m
 
     def _clock(self, m: Module) -> None:
@@ -68,9 +82,30 @@ class Timing(wiring.Component):
         with m.Elif(beat):
             m.d.sync += self.clock_missing.eq(0)
 
-    def _sizes(self, m: Module) -> None:
-        """Lengths are compared for equality in passing, which takes half of what comparing their sizes would."""
-        video = self.video
+
+class _Sizes(data.Struct):
+    row: CameraRow
+    row_count: 12
+    unsteady: 4
+
+
+class Sizes(wiring.Component):
+    """The part of :class:`Timing` that looks at images.
+
+    Lengths are compared for equality in passing, which takes half of what comparing their sizes would.
+
+    Members
+    -------
+    video : images
+    seen : of the last image, and how many were unsteady
+    """
+
+    video: In(Video())
+    seen: Out(_Sizes)
+
+    def elaborate(self, platform):
+        m = Module()
+        video, seen = self.video, self.seen
         pixel, valid = video.pixel.p, video.pixel.valid
         length, rows = Signal(12), Signal(12)
         shortest, longest = Signal(12), Signal(12)
@@ -99,15 +134,16 @@ class Timing(wiring.Component):
 
         # The last row may have ended with the image: three clocks, and all of it is known.
         ended = Signal(3)
-        m.d.sync += [ended.eq(ended << 1 | video.frame_end), other.eq((rows != self.row_count) & measured)]
+        m.d.sync += [ended.eq(ended << 1 | video.frame_end), other.eq((rows != seen.row_count) & measured)]
         with m.If(ended[2] & ~fresh):
             m.d.sync += [
                 rows.eq(0),
                 fresh.eq(1),
                 measured.eq(1),
-                self.row.shortest.eq(shortest),
-                self.row.longest.eq(longest),
-                self.row_count.eq(rows),
+                seen.row.shortest.eq(shortest),
+                seen.row.longest.eq(longest),
+                seen.row_count.eq(rows),
             ]
-            with m.If((uneven | other) & ~self.unsteady.all()):
-                m.d.sync += self.unsteady.eq(self.unsteady + 1)
+            with m.If((uneven | other) & ~seen.unsteady.all()):
+                m.d.sync += seen.unsteady.eq(seen.unsteady + 1)
+        return m

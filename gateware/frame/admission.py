@@ -14,7 +14,7 @@ class Admission(wiring.Component):
     """Passes images on, from the first one that begins while ``run`` is set to the last that began so.
 
     The strobes keep an order whatever the camera does: to every ``frame_first`` belongs one
-    ``frame_end``, at least :data:`SHORTEST_CLOCKS` later and before the next ``frame_first``. An image that
+    ``frame_end``, at least ``shortest`` clocks later and before the next ``frame_first``. An image that
     ends sooner has its strobe later; one that begins before that strobe is refused; one that never ends
     is over when the next begins. The video itself is passed on as it comes, for its faults to be seen where
     they are counted.
@@ -23,6 +23,7 @@ class Admission(wiring.Component):
 
     Parameters
     ----------
+    shortest : clocks from the first pixel of an image to ``frame_end`` at least, :data:`SHORTEST_CLOCKS` or more
     close_images : an image may begin as soon as the one before has had its strobe. Without it, one that begins sooner
         than :data:`SHORTEST_CLOCKS` after that strobe, or before it, is refused as well, and rows after an image's end
         have no ``row_first``: what motion latched for an image then stays so for that long.
@@ -38,18 +39,21 @@ class Admission(wiring.Component):
     refused : strobe: an image began too early, and is left out
     """
 
-    i: In(Video())
-    run: In(1)
-    video: Out(Video())
-    frame_first: Out(1)
-    row_first: Out(1)
-    frame_end: Out(1)
-    field: Out(Field)
-    refused: Out(1)
-
-    def __init__(self, *, close_images: bool = True) -> None:
+    def __init__(self, shortest: int = SHORTEST_CLOCKS, *, close_images: bool = True) -> None:
+        self.shortest = shortest
         self.close_images = close_images
-        super().__init__()
+        super().__init__(
+            {
+                "i": In(Video()),
+                "run": In(1),
+                "video": Out(Video()),
+                "frame_first": Out(1),
+                "row_first": Out(1),
+                "frame_end": Out(1),
+                "field": Out(Field),
+                "refused": Out(1),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -57,7 +61,7 @@ class Admission(wiring.Component):
         passing = Signal()
         open_ = Signal()  # frame_end is to come
         over = Signal()  # the image has ended, however early
-        left = Signal(range(SHORTEST_CLOCKS + 1))
+        left = Signal(range(self.shortest + 1))
 
         begins = Signal()
         let_in = Signal()
@@ -93,5 +97,5 @@ class Admission(wiring.Component):
         with m.If((self.i.frame_end & passing) | begins):
             m.d.sync += over.eq(1)
         with m.If(let_in):
-            m.d.sync += [self.field.eq(self.i.field), open_.eq(1), over.eq(self.i.frame_end), left.eq(SHORTEST_CLOCKS)]
+            m.d.sync += [self.field.eq(self.i.field), open_.eq(1), over.eq(self.i.frame_end), left.eq(self.shortest)]
         return m

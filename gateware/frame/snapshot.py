@@ -10,10 +10,11 @@ from magtrak.protocol import SNAPSHOT, SNAPSHOT_PIXELS, SnapshotSource
 from ..camera.monitor import CheckedPixel
 from ..layouts import NowSettings, Packets, struct
 from ..memory import BlockRam
+from ..select import one_of
 from ..vision.pixels import MeasuredPixel
 
-SLOTS = 8
-"""Pieces that the memory holds."""
+SLOTS = 4
+"""Pieces that the memory holds: 512 words are one block RAM of an ECP5."""
 
 SLOT_WORDS = 128
 _WORD_BYTES = 3
@@ -40,7 +41,7 @@ class Snapshot(wiring.Component):
 
     A region of the image, thinned in both directions, is taken in strips of up to ``SNAPSHOT_PIXELS`` pixels' width, a
     row of a strip at a time, into one of :data:`SLOTS` slots of a memory, from which it goes to the link. A piece that
-    finds no free slot when its row comes, or whose row comes while the one before is being closed (7 clocks), is
+    finds no free slot when its row comes, or whose row comes while the one before is being closed (8 clocks), is
     taken from a later image: pieces leave in order and none is missing. A piece is of one image, and says of which.
 
     A region that reaches beyond the image ends where the image ends. The last piece has no pixels.
@@ -118,7 +119,7 @@ class Snapshot(wiring.Component):
             m.d.sync += [frame.eq(self.frame), generation.eq(self.generation), seen.eq(1)]
 
         # The piece in question: a row of a strip.
-        slot, count, word = Signal(range(SLOTS)), Signal(7), Signal(range(SLOT_WORDS), init=_HEADER_AT)
+        slot, count = Signal(range(SLOTS)), Signal(7)
         row, strip, column = Signal(12), Signal(12), Signal(12)  # row, first column and next column
         next_strip = Signal(12)
         finishing = Signal()
@@ -141,17 +142,15 @@ class Snapshot(wiring.Component):
             m.d.comb += header[name].eq(value)
         takes = Signal()
         m.d.comb += takes.eq(hit & ((state == _State.TAKE) | ((state == _State.WANT) & free)))
-        heading = state == _State.HEADER
+        heads, plain = Signal(_HEADER_WORDS), Signal(init=1)  # the word of the header that is written; none is
+        heading = heads.any()
         m.d.sync += [
             write.en.eq(takes | heading),
-            write.addr.eq(Cat(Mux(heading, word, count), slot)),
-            write.data.eq(pixel_colour),
+            write.addr.eq(Cat(Mux(heading, _number(heads), count), slot)),
+            write.data.eq(one_of([*_words(header), pixel_colour], Cat(heads, plain))),
+            heads.eq(heads << 1),
+            plain.eq(1),
         ]
-        with m.If(heading):
-            with m.Switch(word[:3]):
-                for at in range(_HEADER_WORDS):
-                    with m.Case((_HEADER_AT + at) % 8):
-                        m.d.sync += write.data.eq(header.as_value().word_select(at, 8 * _WORD_BYTES))
 
         with m.Switch(state):
             with m.Case(_State.CHECK):
@@ -182,10 +181,10 @@ class Snapshot(wiring.Component):
                     m.d.sync += state.eq(_State.HEADER)
 
             with m.Case(_State.HEADER):
-                m.d.sync += word[:3].eq(word[:3] + 1)
-                with m.If(word[:3].all()):
+                m.d.sync += [heads[0].eq(plain), plain.eq(heads[-1])]
+                with m.If(heads[-1]):
                     m.d.comb += stored.eq(1)
-                    m.d.sync += [word.eq(_HEADER_AT), slot.eq(slot + 1), row.eq(row + step), state.eq(_State.CHECK)]
+                    m.d.sync += [slot.eq(slot + 1), row.eq(row + step), state.eq(_State.CHECK)]
                     with m.If(finishing):
                         m.d.sync += state.eq(_State.IDLE)
 
@@ -210,15 +209,16 @@ class Snapshot(wiring.Component):
                 row_first.eq(settings.snapshot_row_first),
                 row_last.eq(settings.snapshot_row_last),
                 next_strip.eq(settings.snapshot_column_first),
-                *(over.eq(1), seen.eq(0), due.eq(0), ended.eq(0), finishing.eq(0), word.eq(_HEADER_AT)),
+                *(over.eq(1), seen.eq(0), due.eq(0), ended.eq(0), finishing.eq(0), heads.eq(0), plain.eq(1)),
                 state.eq(Mux(settings.snapshot == 0, _State.IDLE, _State.CHECK)),
             ]
 
     def _send(self, m, read, ready, sent):
         """Slots into payloads; ``sent``: one is free again."""
         slot, index = Signal(range(SLOTS)), Signal(range(SLOT_WORDS))
-        fetched, word = Signal(8 * _WORD_BYTES), Signal(8 * _WORD_BYTES)  # the byte that is next is the lowest
-        bytes_ = Signal(range(_WORD_BYTES + 1))  # of this word
+        fetched = Signal(8 * _WORD_BYTES)
+        hot = Signal(_WORD_BYTES)  # the byte of it that is next
+        only = Signal()  # the first one counts
         pixels = Signal(7)  # from the header's last word on: to come, with this one
         raw, in_header, ends = Signal(), Signal(), Signal()
         m.d.comb += [
@@ -226,8 +226,9 @@ class Snapshot(wiring.Component):
             read.en.eq(1),
             in_header.eq(index[3:].all()),
             ends.eq(Mux(in_header, index.all() & (pixels == 0), pixels == 1)),
-            self.o.payload.data.eq(word),
-            self.o.payload.last.eq(ends & (bytes_ == 1)),
+            only.eq(~in_header & ~raw),
+            self.o.payload.data.eq(one_of([fetched.word_select(n, 8) for n in range(_WORD_BYTES)], hot)),
+            self.o.payload.last.eq(ends & (hot[-1] | only)),
         ]
         m.d.sync += fetched.eq(read.data)
         with m.FSM():
@@ -240,17 +241,17 @@ class Snapshot(wiring.Component):
             with m.State("Settle"):
                 m.next = "Load"
             with m.State("Load"):
-                m.d.sync += [word.eq(fetched), bytes_.eq(Mux(in_header | raw, _WORD_BYTES, 1))]
-                with m.If(index == _HEADER_AT + _SOURCE_AT // len(word)):
-                    m.d.sync += raw.eq(fetched[_SOURCE_AT % len(word) :][:8] == SnapshotSource.RAW)
+                m.d.sync += hot.eq(1)
+                with m.If(index == _HEADER_AT + _SOURCE_AT // len(fetched)):
+                    m.d.sync += raw.eq(fetched[_SOURCE_AT % len(fetched) :][:8] == SnapshotSource.RAW)
                 with m.If(index.all()):
-                    m.d.sync += pixels.eq(fetched[_PIXELS_AT % len(word) :])
+                    m.d.sync += pixels.eq(fetched[_PIXELS_AT % len(fetched) :])
                 m.next = "Send"
             with m.State("Send"):
                 m.d.comb += self.o.valid.eq(1)
                 with m.If(self.o.ready):
-                    m.d.sync += [word.eq(word >> 8), bytes_.eq(bytes_ - 1)]
-                    with m.If(bytes_ == 1):
+                    m.d.sync += hot.eq(hot << 1)
+                    with m.If(hot[-1] | only):
                         m.d.sync += index.eq(index + 1)
                         with m.If(~in_header):
                             m.d.sync += pixels.eq(pixels - 1)
@@ -259,3 +260,16 @@ class Snapshot(wiring.Component):
                             m.d.comb += sent.eq(1)
                             m.d.sync += slot.eq(slot + 1)
                             m.next = "Wait"
+
+
+def _words(header) -> list:
+    """The header's words."""
+    return [header.as_value().word_select(at, 8 * _WORD_BYTES) for at in range(_HEADER_WORDS)]
+
+
+def _number(heads):
+    """Where in a slot the word of the header is whose bit is set."""
+    places = [_HEADER_AT + at for at in range(_HEADER_WORDS)]
+    return Cat(
+        Cat(head for head, place in zip(heads, places, strict=True) if place >> bit & 1).any() for bit in range(7)
+    )

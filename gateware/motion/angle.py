@@ -157,11 +157,10 @@ class EdgeLog(wiring.Component):
         bank = Signal()
         # Within the horizon lie at most 2**horizon_bits edges, and shift is less than horizon_bits.
         used, shift = Signal.like(self.entries), Signal(range(max(self.horizon_bits, 4)))
-        # Edges to leave out before the next entry, less one: the sign tells that none is left. After an entry that is
-        # `span`, 2**shift - 2. But for shift 0 (-1) its bits are a thermometer's, which is soon made one longer.
-        count_down = signed(self.horizon_bits + 1)
-        skip, span, span_now = Signal(count_down, init=-1), Signal(count_down, init=-1), Signal(count_down)
-        age = Signal(self.horizon_bits + 1)
+        # Edges so far, and the bits of that number that are 0 at an entry: 2**shift - 1, soon made one longer.
+        number = Signal(max(self.horizon_bits - 4, 1))
+        mask = Signal.like(number)
+        age = Signal(self.horizon_bits + 1, init=1)  # of the first entry; 1 until there is one
         expired = Signal()
         begin = Signal()
         full = Signal()
@@ -172,19 +171,18 @@ class EdgeLog(wiring.Component):
             full.eq(used == MAX_EDGES),
         ]
         with m.If(begin):
-            m.d.comb += [used_now.eq(0), shift_now.eq(0), span_now.eq(-1)]
+            m.d.comb += [used_now.eq(0), shift_now.eq(0)]
         with m.Elif(full):
             m.d.comb += [
                 used_now.eq(MAX_EDGES // 2),
                 shift_now.eq(shift + 1),
-                span_now.eq(Mux(span[0], 0, Cat(0, 1, span[1:]))),
             ]
         with m.Else():
-            m.d.comb += [used_now.eq(used), shift_now.eq(shift), span_now.eq(span)]
+            m.d.comb += [used_now.eq(used), shift_now.eq(shift)]
 
         # The memory is written a clock later: before anything can be read after `take`.
         entry, due = Signal(slot_bits), Signal()
-        m.d.comb += [entry.eq(used_now), due.eq(self.edge & (begin | (skip < 0)))]
+        m.d.comb += [entry.eq(used_now), due.eq(self.edge & (begin | ~(number & mask).any()))]
         m.d.sync += [
             write.addr.eq(Cat(slot(entry, shift_now), bank ^ self.take)),
             write.data.time.eq(self.time),
@@ -192,18 +190,18 @@ class EdgeLog(wiring.Component):
             write.data.backward.eq(self.backward),
             write.en.eq(due),
         ]
+        with m.If(self.edge):
+            m.d.sync += number.eq(number + 1)
+        with m.If(due & full):
+            m.d.sync += mask.eq(Cat(1, mask))
         with m.If(begin):
-            m.d.sync += [used.eq(0), shift.eq(0), span.eq(-1), skip.eq(-1)]
-        with m.If(~expired & (used != 0)):
+            m.d.sync += [used.eq(0), shift.eq(0), mask.eq(0), number.eq(self.edge)]
+        with m.If(used != 0):
             m.d.sync += age.eq(age + 1)
         with m.If(begin):
-            m.d.sync += age.eq(0)
+            m.d.sync += age.eq(1)
         with m.If(due):
-            m.d.sync += [used.eq(used_now + 1), shift.eq(shift_now), span.eq(span_now), skip.eq(span_now)]
-            with m.If(used_now == 0):
-                m.d.sync += age.eq(1)  # in the next clock
-        with m.Elif(self.edge):
-            m.d.sync += skip.eq(skip - 1)
+            m.d.sync += [used.eq(used_now + 1), shift.eq(shift_now)]
         with m.If(self.take):
             m.d.sync += [
                 bank.eq(~bank),

@@ -62,14 +62,16 @@ class Program:
     ``wrap()``               A = its low 32 bits, signed
     ``to_low()``             L = low 32 bits of A
     ``multiply(x, n)``       n times: if L is odd, A = A + x; then A and L together move right by a bit, with A's sign
-    ``divide(x, n)``         n times: A and L together move left by a bit; if A >= x, A = A - x and L = L + 1
+    ``divide(x, n)``         n times: A and L together move left by a bit; A = A - x, or A + x if A is negative; then
+                             L = L + 1 unless A is negative
     ``output(o)``            A appears at output o
     ``jump(l)``              goes on at label l
     ``wait()``               stops until something has happened
     ======================== ==========================================================================================
 
     So ``load(f); to_low(); load(0); multiply(x, 24)`` leaves ``f * x >> 24`` in A, for f below 2**24, and its low 24
-    bits at the top of L. ``multiply(0, n)`` and ``divide(0, n)`` only shift; so ``load_low()``, which is ``load(0);
+    bits at the top of L; and ``load(f); to_low(); load(0); divide(x, 32)`` leaves ``f // x`` in L: a division that
+    never restores. ``multiply(0, n)`` and ``divide(0, n)`` only shift; so ``load_low()``, which is ``load(0);
     divide(0, 32)``, leaves L in A, and L unknown.
 
     ``with when(flag):`` runs what is in it if the flag is set, ``unless(flag)`` if it is not; ``otherwise()`` may
@@ -81,7 +83,7 @@ class Program:
     """
 
     def __init__(self, inputs: Sequence[str], flags: Sequence[str], outputs: Sequence[str]) -> None:
-        self.inputs = ("memory", *inputs)
+        self.inputs = tuple(inputs)
         self.flags = ("always", "negative", *flags)
         self.outputs = tuple(outputs)
         self.variables: dict[str, int] = {}
@@ -235,25 +237,25 @@ class Program:
         places = {value: begin + len(self.instructions) + at for at, value in enumerate(constants)}
         words = []
         for instruction in self.instructions:
-            operand, source, address = instruction.operand, 0, 0
+            operand, outside, address = instruction.operand, 0, 0
             condition = self.flags.index(instruction.flag)
             if instruction.op is Op.JUMP:
                 address = begin + self.labels[str(operand)]
             elif instruction.op is Op.OUTPUT:
-                condition = self.outputs.index(str(operand))
+                address = 1 << self.outputs.index(str(operand))
             elif isinstance(operand, int):
                 address = places[operand]
             elif operand in self.variables:
                 address = self.variables[operand]
             elif operand in self.inputs:
-                source = self.inputs.index(operand)
+                outside, address = 1, 1 << self.inputs.index(operand)
             else:
                 raise ValueError(f"{operand} is neither a variable nor an input")
             words.append(
                 {
                     "op": int(instruction.op),
                     "address": address,
-                    "source": source,
+                    "outside": outside,
                     "condition": condition,
                     "unless": int(instruction.unless),
                     "steps": instruction.steps - 1,
@@ -322,9 +324,8 @@ class Program:
             elif one.op is Op.DIVIDE:
                 for _ in range(one.steps):
                     a = _signed(a << 1 | low >> LOW_BITS - 1, WORD_BITS)
-                    fits = a >= b
-                    a -= b if fits else 0
-                    low = (low << 1 | fits) & (1 << LOW_BITS) - 1
+                    a += b if a < 0 else -b
+                    low = (low << 1 | (a >= 0)) & (1 << LOW_BITS) - 1
             if not -(1 << WORD_BITS - 1) <= a < 1 << WORD_BITS - 1:
                 raise OverflowError(f"{one} makes {a}, which has no {WORD_BITS} bits")
 

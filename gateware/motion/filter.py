@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -95,28 +95,29 @@ class Align(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        depth = 2 << LENGTH_BITS  # twice the longest delay: the two ports never meet
+        write_bits = LENGTH_BITS + 1
+        depth = 1 << write_bits  # twice the longest delay: the two ports never meet
         m.submodules.memory = memory = BlockRam(self.width, depth)
         write, read = memory.write, memory.read
-        distance = Signal(LENGTH_BITS)
-        filled = Signal(range(depth))
-        fresh, taken = Signal(), Signal()
+        distance, behind = Signal(LENGTH_BITS), Signal(signed(write_bits + 1))
+        full, fresh, taken = Signal(), Signal(), Signal()
         word = Signal(self.width)  # with nothing between, so that it can stand next to a slow block RAM
         m.d.comb += [
-            distance.eq(Mux(self.length == 0, 1, self.length)),
+            distance.eq(self.length | (self.length == 0)),
+            behind.eq(write.addr - distance),
             write.data.eq(self.i),
             write.en.eq(1),
             read.en.eq(1),
-            read.addr.eq(write.addr - distance),
+            read.addr.eq(behind),
         ]
         m.d.sync += [
             write.addr.eq(write.addr + 1),
-            fresh.eq(filled >= distance),
+            fresh.eq(full | (behind >= 0)),
             taken.eq(fresh),
             word.eq(read.data),
             self.valid.eq(taken),
             self.o.eq(Mux(taken, word, 0)),
         ]
-        with m.If(filled != depth - 1):
-            m.d.sync += filled.eq(filled + 1)
+        with m.If(write.addr.all()):
+            m.d.sync += full.eq(1)
         return m

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -47,7 +47,7 @@ class Index(wiring.Component):
     same direction, and nothing between two in opposite ones.
 
     All inputs but the settings are seen at the same pin time, see :class:`gateware.motion.filter.Align`.
-    Latency: ``passed`` and the latches follow the confirmation by one clock, ``turns`` and ``difference`` by four.
+    Latency: ``passed`` and the latches follow the confirmation by two clocks, ``turns`` and ``difference`` by four.
     At most one pass in four clocks.
 
     Members
@@ -126,7 +126,7 @@ class Index(wiring.Component):
         m = Module()
 
         # Whether the level has lasted as long as it must: known a clock ahead, for the case that it stays.
-        last, clocks = Signal(), Signal(LENGTH_BITS, init=1)
+        last, clocks = Signal(), Signal(LENGTH_BITS + 1, init=3)  # two ahead
         same, settled = Signal(), Signal()
         at_once, by_staying = Signal(), Signal()
         m.d.comb += [
@@ -135,11 +135,11 @@ class Index(wiring.Component):
         ]
         m.d.sync += [last.eq(self.level), at_once.eq(self.debounce <= 1)]
         with m.If(same):
-            m.d.sync += by_staying.eq(clocks + 2 >= self.debounce)
-            with m.If(~clocks.all()):
+            m.d.sync += by_staying.eq(clocks >= self.debounce)
+            with m.If(~clocks[-1]):
                 m.d.sync += clocks.eq(clocks + 1)
         with m.Else():
-            m.d.sync += [by_staying.eq(self.debounce <= 2), clocks.eq(1)]
+            m.d.sync += [by_staying.eq(self.debounce <= 2), clocks.eq(3)]
 
         # The direction in which the barrier would be crossed now.
         known, crossed = Signal(), Signal()
@@ -186,41 +186,36 @@ class Index(wiring.Component):
             backward.eq(Mux(first, backward_now, kept_backward)),
             passing.eq(confirmed & Mux(first, known_now, kept_known) & (self.level ^ self.invert ^ backward)),
         ]
-        m.d.sync += self.passed.eq(passing)
+        # A clock later what is kept is that of the pass, also where it was confirmed at once.
+        latching, latching_backward = Signal(), Signal()
+        m.d.sync += [latching.eq(passing), latching_backward.eq(backward), self.passed.eq(latching)]
         taken = Signal()  # the first pass of the policy is over
         with m.If(self.policy != IndexPolicy.FIRST):
             m.d.sync += taken.eq(0)
-        with m.If(passing):
+        moved, turn, forward = Signal(signed(32)), Signal(signed(25)), Signal()
+        with m.If(latching):
             with m.If((self.policy == IndexPolicy.RESET) | ((self.policy == IndexPolicy.FIRST) & ~taken)):
-                m.d.sync += self.zero_count.eq(Mux(first, self.count, kept_count))
+                m.d.sync += self.zero_count.eq(kept_count)
             with m.If(self.policy == IndexPolicy.FIRST):
                 m.d.sync += taken.eq(1)
             m.d.sync += [
-                self.pass_time.eq(Mux(first, self.time, kept_time)),
-                self.pass_count.eq(Mux(first, self.count, kept_count)),
-                self.pass_backward.eq(backward),
+                self.pass_time.eq(kept_time),
+                self.pass_count.eq(kept_count),
+                self.pass_backward.eq(latching_backward),
                 self.passes.eq(self.passes + 1),
                 self.seen.eq(1),
+                moved.eq(kept_count - self.pass_count),
+                forward.eq(~latching_backward),
+                turn.eq(Cat(self.counts_per_turn, 0) ^ (~latching_backward).replicate(25)),
             ]
+            with m.If(latching_backward != self.pass_backward):
+                m.d.sync += [forward.eq(0), turn.eq(0)]
 
         # The check has one addition a clock: counts since the pass before, less the turn, compared with zero.
-        compare, moved, turn = Signal(), Signal(signed(32)), Signal(signed(25))
-        check = Signal()
-        before_count, before_backward, before_seen = Signal(signed(32)), Signal(), Signal()
-        m.d.sync += [compare.eq(self.passed & before_seen & (self.counts_per_turn != 0)), check.eq(compare)]
-        with m.If(self.passed):
-            m.d.sync += [
-                moved.eq(self.pass_count - before_count),
-                before_count.eq(self.pass_count),
-                before_backward.eq(self.pass_backward),
-                before_seen.eq(1),
-            ]
-            with m.If(self.pass_backward != before_backward):
-                m.d.sync += turn.eq(0)
-            with m.Else():
-                m.d.sync += turn.eq(Mux(self.pass_backward, -self.counts_per_turn, self.counts_per_turn))
+        compare, check = Signal(), Signal()
+        m.d.sync += [compare.eq(latching & self.seen & (self.counts_per_turn != 0)), check.eq(compare)]
         with m.If(compare):
-            m.d.sync += self.difference.eq(moved - turn)
+            m.d.sync += self.difference.eq((Cat(1, moved) + Cat(forward, turn).as_signed())[1:])
         m.d.sync += self.wrong.eq(check & self.difference.any())
         with m.If(check & self.difference.any() & ~self.turns.all()):
             m.d.sync += self.turns.eq(self.turns + 1)

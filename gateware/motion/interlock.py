@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
@@ -90,8 +90,9 @@ class Interlock(wiring.Component):
 
     def __init__(self) -> None:
         super().__init__()
-        # One bit more than the settings: counters stop where no setting reaches.
-        self._silent, self._waited = Signal(17), Signal(17)
+        # Milliseconds, inverted: they count down, and what is compared with them is just added. One bit more than the
+        # settings: they stop where no setting reaches.
+        self._silent, self._waited = Signal(17, init=-1), Signal(17, init=-1)
         self._heard, self._emitting = Signal(), Signal()
 
     @staticmethod
@@ -148,16 +149,20 @@ class Interlock(wiring.Component):
         silent, waited = self._silent, self._waited
         m.d.sync += [
             heard.eq(heard | self.renew),
-            alive.eq(self.renew | (heard & (silent < self.lease_ms))),
+            alive.eq(self.renew | (heard & (silent + self.lease_ms)[-1])),
         ]
+        with m.If(self.tick & silent[-1]):
+            m.d.sync += silent.eq(silent - 1)
         with m.If(self.renew):
-            m.d.sync += silent.eq(0)
-        with m.Elif(self.tick & ~silent[-1]):
-            m.d.sync += silent.eq(silent + 1)
+            m.d.sync += silent.eq(-1)
 
         armed, emitting, ripe, permitted = Signal(), self._emitting, Signal(), Signal()
         m.d.sync += permitted.eq(self.permitted)
-        m.d.comb += ripe.eq(waited > self.delay_ms)
+        m.d.comb += ripe.eq(~(Cat(1, waited) + Cat(1, self.delay_ms))[-1])
+        with m.If(self.tick & waited[-1]):
+            m.d.sync += waited.eq(waited - 1)
+        with m.If(~armed):
+            m.d.sync += waited.eq(-1)
 
         keyed = Signal()
         m.d.comb += keyed.eq(self.key == LASER_KEY)
@@ -171,9 +176,9 @@ class Interlock(wiring.Component):
             with m.Elif(self.arm & ~keyed):
                 m.d.sync += [armed.eq(0), emitting.eq(0), self.cause.eq(LaserCause.COMMAND)]
             with m.Elif(armed):
-                m.d.sync += [waited.eq(waited + (self.tick & ~waited[-1])), emitting.eq(emitting | ripe)]
+                m.d.sync += emitting.eq(emitting | ripe)
             with m.Else():
-                m.d.sync += [armed.eq(1), waited.eq(0)]
+                m.d.sync += armed.eq(1)
 
         m.d.comb += [
             self.laser.eq(emitting & permitted & self.interlock & sampled & closed),

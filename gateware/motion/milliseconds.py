@@ -9,7 +9,7 @@ class Milliseconds(wiring.Component):
     """Divides the clock by ``clock_hz / 1000``, exactly in the long run, also where that is no whole number.
 
     Strobes are ``clock_hz // 1000`` or one more clocks apart; the first ones come in the three clocks after reset.
-    No divider: 1000 is added every clock, and ``clock_hz`` taken away when it is reached.
+    No divider: 1000 is taken away every clock, and ``clock_hz`` added when there is nothing left.
 
     Members
     -------
@@ -22,11 +22,15 @@ class Milliseconds(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        # Kept below zero until the millisecond is full: the sign is the comparison, and one addition a clock is all.
-        rest, full = Signal(signed(34)), Signal(signed(34))
+        # One addition a clock, and the sign is the comparison. After `clock_hz` is added, 1000 is taken away twice.
+        rest, change = Signal(signed(34)), Signal(signed(34))
+        full = Signal()
+        m.d.comb += full.eq((rest < 0) & ~self.tick)
         m.d.sync += [
-            full.eq(1000 - self.clock_hz),
-            rest.eq(rest + Mux(rest >= 0, full, 1000)),
-            self.tick.eq(rest >= 0),
+            self.tick.eq(full),
+            rest.eq(rest + change),
+            change.eq(self.clock_hz),
         ]
+        with m.If(~full):  # but for some bits, as the flip-flop's own set or reset
+            m.d.sync += change.eq(Mux(self.tick, -2000, -1000))
         return m

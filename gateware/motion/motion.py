@@ -1,6 +1,6 @@
 """Everything that turns, and the light that turns with it."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed
+from amaranth.hdl import Cat, Module, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
@@ -127,7 +127,7 @@ class Motion(wiring.Component):
         m = Module()
         settings = self.settings
         length = Signal(LENGTH_BITS)
-        m.d.comb += length.eq(settings.encoder_filter)
+        m.d.comb += length.eq(settings.encoder_filter | (settings.encoder_filter == 0))
 
         m.submodules.encoder = encoder = Quadrature()
         m.d.comb += [
@@ -151,16 +151,14 @@ class Motion(wiring.Component):
         row_first, frame_first, take, barrier = align.o
 
         # The time at which the pins were what is seen now: less than the time by the latency, which may change.
-        late, late_before = (
-            Signal(range((1 << LENGTH_BITS) + Quadrature.latency(0)), name=n) for n in ("late", "before")
-        )
-        step = Signal(signed(len(late) + 1), init=1)
+        late, late_before = Signal(LENGTH_BITS, init=1), Signal(LENGTH_BITS, init=1)
+        jump = Signal(signed(LENGTH_BITS + 1))
         then = Signal(48, init=-Quadrature.latency(1) & (1 << 48) - 1)
         m.d.sync += [
-            late.eq(Mux(length == 0, 0, length - 1)),
+            late.eq(length),
             late_before.eq(late),
-            step.eq(late_before - late + 1),
-            then.eq(then + step),
+            jump.eq(late_before - late),
+            then.eq((Cat(1, then) + Cat(1, jump).as_signed())[1:]),
         ]
 
         m.submodules.barrier = index = Index()

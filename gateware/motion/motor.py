@@ -37,6 +37,9 @@ SETTINGS = (
 )
 """Registers that are variables of the program, at the low bits of their addresses."""
 
+INTOLERABLE = 1 << 30
+"""Counts by which a turn was off, more than any tolerance."""
+
 SETTINGS_BASE = 0x0300
 """Where the registers of motion begin; their place in it is the variable's address."""
 
@@ -200,11 +203,13 @@ class MotorControl(wiring.Component):
             with m.If(self.illegal & ~illegals.all()):
                 m.d.sync += illegals.eq(illegals + 1)
 
-        # Of several wrong turns since then one that no tolerance allows stays; each may be followed by a right one.
-        difference, intolerable = Signal(signed(32), reset_less=True), Signal()
-        m.d.comb += intolerable.eq(been["wrong"] & (difference[8:] != difference[-1].replicate(24)))
-        with m.If(self.wrong & ~intolerable):
+        # Two wrong turns in a millisecond are one that no tolerance allows; each may be followed by a right one.
+        difference, again = Signal(signed(32), reset_less=True), Signal()
+        m.d.comb += again.eq(self.wrong & been["wrong"] & ~(self.sampled & ticked))
+        with m.If(self.wrong):
             m.d.sync += difference.eq(self.difference)
+        with m.If(again):
+            m.d.sync += difference.eq(INTOLERABLE)
 
         sample = Signal.like(sequencer.inputs, reset_less=True)
         flags = Signal.like(sequencer.flags, reset_less=True)
@@ -248,18 +253,24 @@ class MotorControl(wiring.Component):
             m.d.sync += duty.eq(0)
         with m.Elif(output.duty & ~been["opened"]):
             m.d.sync += duty.eq(value)
-        was_driven = Signal()
+        was_driven, starts, fails = Signal(), Signal(), Signal()
         m.d.sync += was_driven.eq(driven)
+        m.d.comb += [
+            starts.eq(driven & ~was_driven),
+            fails.eq(driven & was_driven & output.cause & ~stopped & ~been["rested"]),
+        ]
+        with m.If(fails):
+            m.d.sync += [stopped.eq(1), self.cause.eq(value)]
+        with m.If(starts):
+            m.d.sync += self.cause.eq(0)
         with m.If(~driven):
             m.d.sync += stopped.eq(0)
-        with m.Elif(~was_driven):
-            m.d.sync += self.cause.eq(0)
-        with m.Elif(output.cause & ~stopped & ~been["rested"]):
-            m.d.sync += [stopped.eq(1), self.cause.eq(value)]
 
         m.d.comb += [
             driver.period.eq(settings.motor_period),
-            driver.duty.eq(Mux(closed, duty, Mux(mode == MotorMode.DUTY, settings.motor_duty, 0))),
+            driver.duty.eq(
+                (duty & closed.replicate(16)) | (settings.motor_duty & (mode == MotorMode.DUTY).replicate(16))
+            ),
             driver.brake.eq(settings.motor_brake | stopped),
             driver.enable.eq(mode != MotorMode.OFF),
             driver.antiphase.eq(settings.motor_bridge),

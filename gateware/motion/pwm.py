@@ -57,43 +57,66 @@ class Pwm(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
 
-        # The period that runs, and where it is.
-        position, last, high = Signal(16), Signal(16, init=SHORTEST_PERIOD - 1), Signal(16)
-        end, middle = Signal(), Signal()
-        reversing, blocked, backward = Signal(), Signal(), Signal()
-        m.d.comb += [end.eq(position == last), middle.eq(position == last >> 1)]
-        m.d.sync += position.eq(Mux(end, 0, position + 1))
+        # The period that runs, and which of its clocks it is, from 1 on. Times are met, not compared: equality is less.
+        position, length, high = Signal(16, init=1), Signal(16, init=SHORTEST_PERIOD), Signal(16)
+        end, halfway, after_half, middle = Signal(), Signal(), Signal(), Signal()
+        pulse, reversing, blocked, backward = Signal(), Signal(), Signal(), Signal()
+        m.d.comb += [
+            end.eq(position == length),
+            halfway.eq(position == length >> 1),
+            middle.eq(Mux(length[0], after_half, halfway)),
+        ]
+        m.d.sync += [position.eq(position + 1), after_half.eq(halfway)]
+        with m.If(end):
+            m.d.sync += position.eq(1)
 
         # The next one. Multiply |duty| by the period, lowest bit first: each step drops a bit of the product that
         # later ones cannot change, so 15 steps leave floor(|duty| * period / 2**15), with one 17-bit addition each.
+        # Negation is bit by bit as well: all bits beyond the lowest one that is set turn round.
         next_length, next_backward = Signal(16, init=SHORTEST_PERIOD), Signal()
-        factor = Signal(15)
+        factor, bit = Signal(16), Signal()
         product = Signal(16)  # |duty| < 2**15, so what is left is less than the period
         partial = Signal(17)
         steps = Signal(range(16))
-        moving = Signal()
+        moving, most, some = Signal(), Signal(), Signal()  # a duty that is not 0; -32768; a bit was set
         next_antiphase, antiphase = Signal(), Signal()
-        magnitude = Mux(self.duty < 0, Mux(self.duty == -32768, 32767, -self.duty), self.duty)
-        raised = Cat(self.duty[:15], ~self.duty[15])  # duty + 2**15
-        m.d.comb += partial.eq(product + Mux(factor[0], next_length, 0))
+        any_of_it, long = Signal(), Signal()
+        m.d.comb += [
+            any_of_it.eq(self.duty[:15].any()),
+            long.eq(self.period[4:].any()),
+            bit.eq(Mux(next_antiphase, factor[1], most | (factor[0] ^ (next_backward & some)))),
+            partial.eq(product + (next_length & bit.replicate(16))),
+        ]
         with m.If(end):
             m.d.sync += [
-                next_length.eq(Mux(self.period[4:].any(), self.period, SHORTEST_PERIOD)),
-                next_backward.eq(self.duty < 0),
+                next_length.eq(Cat(self.period[:4] & long.replicate(4), self.period[4] | ~long, self.period[5:])),
+                next_backward.eq(self.duty[15]),
                 next_antiphase.eq(self.antiphase),
-                factor.eq(Mux(self.antiphase, raised[1:], magnitude)),
-                moving.eq(self.duty != 0),
-                product.eq(0),
+                factor.eq(Cat(self.duty[:15], self.duty[15] ^ self.antiphase)),  # duty + 2**15
+                moving.eq(any_of_it | self.duty[15]),
+                most.eq(self.duty[15] & ~any_of_it),
+                some.eq(0),
                 steps.eq(15),
             ]
         with m.Elif(steps != 0):
-            m.d.sync += [product.eq(partial >> 1), factor.eq(Cat(factor[1:], 0)), steps.eq(steps - 1)]
-
-        with m.If(end):
-            turn = moving & (next_backward != backward) & ~next_antiphase
             m.d.sync += [
-                last.eq(next_length - 1),
-                high.eq(Mux(turn, 0, product)),
+                product.eq(partial >> 1),
+                factor.eq(factor >> 1),
+                some.eq(some | factor[0]),
+                steps.eq(steps - 1),
+            ]
+        with m.If(end):
+            m.d.sync += product.eq(0)
+
+        turn = Signal()
+        m.d.comb += turn.eq(moving & (next_backward != backward) & ~next_antiphase)
+        with m.If(position == high):
+            m.d.sync += pulse.eq(0)
+        with m.If(end):
+            m.d.sync += [
+                length.eq(next_length),
+                high.eq(product),
+                pulse.eq(product.any() & ~turn),
                 reversing.eq(turn),
                 antiphase.eq(next_antiphase),
             ]
@@ -106,8 +129,8 @@ class Pwm(wiring.Component):
         with m.Elif(end):
             m.d.sync += blocked.eq(0)
         m.d.sync += [
-            self.pwm.eq(((position < high) | antiphase) & ~blocked & ~stop),
-            self.direction.eq(Mux(antiphase, (position >= high) & ~blocked & ~stop, backward)),
+            self.pwm.eq((pulse | antiphase) & ~blocked & ~stop),
+            self.direction.eq(Mux(antiphase, ~pulse & ~blocked & ~stop, backward)),
             self.braking.eq(self.brake),
         ]
         return m

@@ -48,7 +48,8 @@ class Quadrature(wiring.Component):
     backward : direction of the last edge
     illegal : strobe, both pins changed
     illegals : illegal transitions since reset, saturating
-    age : clocks since the last edge, 0 in the clock of ``edge``; saturates, :data:`UNKNOWN` before the first edge
+    age : clocks since the last edge, 0 in the clock of ``edge``; saturates, :data:`UNKNOWN` before the first edge,
+        but for the clock after reset
     period : clocks between the last two edges; saturates, :data:`UNKNOWN` before the second edge
     """
 
@@ -61,7 +62,7 @@ class Quadrature(wiring.Component):
     backward: Out(1)
     illegal: Out(1)
     illegals: Out(16)
-    age: Out(32, init=UNKNOWN)
+    age: Out(32)
     period: Out(32, init=UNKNOWN)
 
     @staticmethod
@@ -113,11 +114,13 @@ class Quadrature(wiring.Component):
         edge, backward, illegal = Signal(), Signal(), Signal()
         m.d.sync += [edge.eq(moved.xor()), illegal.eq(moved.all()), backward.eq(equal ^ self.swap)]
 
+        # An edge resets the age, and so does the reset: what it is before the first edge is added to it.
         next_age = Signal(32)
         saturated = Signal(init=1)  # the age is at its end, known a clock ahead
-        m.d.comb += next_age.eq(self.age + ~saturated)
+        begun = Signal()
+        m.d.comb += next_age.eq(self.age + Cat(~begun | ~saturated, (~begun).replicate(31)))
         m.d.sync += saturated.eq(~edge & (saturated | (self.age == UNKNOWN - 1)))
-        m.d.sync += [self.edge.eq(edge), self.illegal.eq(illegal), self.age.eq(next_age)]
+        m.d.sync += [begun.eq(1), self.edge.eq(edge), self.illegal.eq(illegal), self.age.eq(next_age)]
         with m.If(edge):
             m.d.sync += [
                 self.count.eq(self.count + Mux(backward, -1, 1)),

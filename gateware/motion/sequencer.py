@@ -37,7 +37,7 @@ CONTROLS = {
     Op.ADD: ("arithmetic",),
     Op.SUBTRACT: ("arithmetic", "negative"),
     Op.MULTIPLY: ("arithmetic", "multiply", "low"),
-    Op.DIVIDE: ("arithmetic", "divide", "negative", "low"),
+    Op.DIVIDE: ("arithmetic", "divide", "low"),
     Op.WRAP: ("arithmetic", "wrap"),
     Op.TO_LOW: ("low",),
     Op.STORE: ("store",),
@@ -47,10 +47,10 @@ CONTROLS = {
 }
 
 CODE = data.StructLayout(
-    {"controls": Controls, "address": ADDRESS_BITS, "source": 4, "condition": 5, "unless": 1, "steps": 5}
+    {"controls": Controls, "address": ADDRESS_BITS, "outside": 1, "condition": 5, "unless": 1, "steps": 5}
 )
-"""An instruction in memory. ``address`` is that of a variable, a constant or a place to go to; ``condition`` a flag's
-number, or an output's."""
+"""An instruction in memory. ``address`` is that of a variable, a constant or a place to go to, or has a bit for each
+input, where the operand is from ``outside``, or output; ``condition`` is a flag's number."""
 
 
 def controls(op: Op) -> dict[str, int]:
@@ -68,17 +68,21 @@ class Variable(data.Struct):
 class Adder(wiring.Component):
     """What the accumulator and L become: the one adder for everything.
 
-    A step of a product adds or not, one of a quotient subtracts or not. Combinational.
+    A step of a product adds or not. One of a quotient is two clocks: A and L are doubled, as A is added to itself; then
+    the operand is subtracted, or added where A is negative. Combinational. In front of each bit of the adder is a
+    function of four inputs, a cell.
 
     Members
     -------
     controls : of the instruction
-    a, low : accumulator and L
-    b : the operand; inverted if it is subtracted
-    result, next_low : after one step
+    second : second clock of a quotient's step
+    a, low : accumulator and L; 0 instead of the accumulator for ``load``
+    b : the operand
+    result, next_low : after one step; L stays in the first clock of a quotient's
     """
 
     controls: In(Controls)
+    second: In(1)
     a: In(signed(WORD_BITS))
     b: In(signed(WORD_BITS))
     low: In(LOW_BITS)
@@ -88,16 +92,21 @@ class Adder(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         controls, a, low = self.controls, self.a, self.low
-        x, total, chosen = Signal(signed(WORD_BITS)), Signal(signed(WORD_BITS)), Signal(signed(WORD_BITS))
-        top = Mux(controls.wrap, a[31].replicate(WORD_BITS - 32), a[32:])
-        taken = Signal()
+        inverted, doubled, carry, chosen = Signal(), Signal(), Signal(), Signal(2)
+        x, y, total = Signal(WORD_BITS), Signal(WORD_BITS), Signal(signed(WORD_BITS))
         m.d.comb += [
-            x.eq(Mux(controls.load, 0, Mux(controls.divide, Cat(low[-1], a), Cat(a[:32], top)))),
-            total.eq((Cat(controls.negative, x) + Cat(controls.negative, self.b))[1:]),
-            taken.eq(Mux(controls.multiply, low[0], ~(controls.divide & total[-1]))),
-            chosen.eq(Mux(taken, total, x)),
-            self.result.eq(Mux(controls.multiply, chosen >> 1, chosen)),
-            self.next_low.eq(Mux(controls.multiply, Cat(low[1:], chosen[0]), Mux(controls.divide, Cat(taken, low), a))),
+            doubled.eq(controls.divide & ~self.second),
+            inverted.eq(controls.negative | (controls.divide & self.second & ~a[-1])),
+            chosen[0].eq(doubled | (~inverted & (~controls.multiply | low[0]))),
+            chosen[1].eq(doubled | inverted),
+            carry.eq(inverted | (doubled & low[-1])),
+            x.eq(Cat(a[:32], Mux(controls.wrap, a[31].replicate(WORD_BITS - 32), a[32:]))),
+            y.eq(Mux(chosen[1], Mux(chosen[0], a, ~self.b), Mux(chosen[0], self.b, 0))),
+            total.eq((Cat(carry, x) + Cat(carry, y))[1:]),
+            self.result.eq(Mux(controls.multiply, total >> 1, total)),
+            self.next_low.eq(
+                Mux(controls.multiply, Cat(low[1:], total[0]), Mux(controls.divide, Cat(~total[-1], low), a))
+            ),
         ]
         return m
 
@@ -105,11 +114,11 @@ class Adder(wiring.Component):
 class Sequencer(wiring.Component):
     """Runs a :class:`~gateware.motion.assembly.Program`, which defines what each instruction does.
 
-    One memory holds variables, program and constants. An instruction takes three clocks, a product or quotient of n
-    steps n + 2:
+    One memory holds variables, program and constants. An instruction takes three clocks, a product of n steps n + 2, a
+    quotient 2 n + 2:
 
     1. its operand's address goes to the memory; ``STORE`` writes;
-    2. the operand is taken, and the next instruction's address goes to the memory;
+    2. the operand is taken, ``load`` clears the accumulator, and the next instruction's address goes to the memory;
     3. the accumulator changes, and the next instruction is taken.
 
     After reset it goes on at the program's first instruction. At ``WAIT`` nothing moves until ``event``; ``resumed`` is
@@ -137,7 +146,7 @@ class Sequencer(wiring.Component):
 
     def __init__(self, program: Program, inputs: Mapping[str, ShapeLike]) -> None:
         self.program = program
-        assert program.inputs == ("memory", *inputs), "shapes for all inputs of the program, in its order"
+        assert program.inputs == tuple(inputs), "shapes for all inputs of the program, in its order"
         super().__init__(
             {
                 "event": In(1),
@@ -170,22 +179,25 @@ class Sequencer(wiring.Component):
         read, write = memory.read, memory.write
 
         code = Signal(CODE, init={"controls": controls(Op.JUMP), "address": VARIABLES})
-        next_place, place = Signal(ADDRESS_BITS), Signal(ADDRESS_BITS)
-        left = Signal(5)
+        place = Signal(ADDRESS_BITS)
+        left, second = Signal(5), Signal()
         started = Signal()
         a, low, b = self.value, Signal(LOW_BITS, reset_less=True), Signal(signed(WORD_BITS), reset_less=True)
-        outside, word = Signal(signed(WORD_BITS), reset_less=True), Signal(signed(WORD_BITS))
-        shape = dict(self.inputs.shape().members)
-        values = [Const(0), *(self.inputs[name] for name in shape)]
+        # Each input has a register that is 0 unless the instruction asks for it: what is chosen is just their sum.
+        values = [self.inputs[name] for name in self.inputs.shape().members]
+        asked = [Signal.like(value, name=f"asked_{number}") for number, value in enumerate(values)]
+        word = read.data & (~code.outside).replicate(WORD_BITS)
+        for one in asked:
+            word |= Cat(one, (one[-1] if one.shape().signed else Const(0)).replicate(WORD_BITS - len(one)))
 
         m.submodules.adder = adder = Adder()
         does = code.controls
         m.d.comb += [
             adder.controls.eq(does),
+            adder.second.eq(second),
             adder.a.eq(a),
             adder.b.eq(b),
             adder.low.eq(low),
-            word.eq(Mux(code.source == 0, read.data, outside) ^ does.negative.replicate(WORD_BITS)),
         ]
 
         flags = Cat(1, a[-1], self.flags)
@@ -193,8 +205,16 @@ class Sequencer(wiring.Component):
         m.d.comb += goes.eq(does.jump & (flags.bit_select(code.condition, 1) ^ code.unless))
 
         reads, stores = Signal(), Signal()  # an operand; a variable
+        for number, (one, value) in enumerate(zip(asked, values, strict=True)):
+            others = Signal(name=f"others_{number}")
+            m.d.comb += others.eq(reads & ~(code.outside & code.address[number]))
+            with m.If(reads):
+                m.d.sync += one.eq(value)
+            with m.If(others):  # as the flip-flop's own reset
+                m.d.sync += one.eq(0)
         m.d.comb += [
             read.en.eq(0),
+            read.addr.eq(Mux(reads | goes, code.address, place)),
             self.write.ready.eq(started & ~reads),
             write.en.eq(stores | (self.write.valid & self.write.ready)),
             write.data.eq(Mux(reads, a, self.write.payload.value)),
@@ -202,39 +222,33 @@ class Sequencer(wiring.Component):
         ]
         with m.FSM():
             with m.State("Operand"):
-                m.d.comb += [read.en.eq(1), read.addr.eq(code.address), reads.eq(1), stores.eq(does.store)]
-                with m.Switch(code.source):
-                    for number, value in enumerate(values):
-                        if number:
-                            with m.Case(number):
-                                m.d.sync += outside.eq(value)
+                m.d.comb += [read.en.eq(1), reads.eq(1), stores.eq(does.store)]
                 m.next = "Fetch"
 
             with m.State("Fetch"):
-                m.d.comb += [
-                    next_place.eq(Mux(goes, code.address, place)),
-                    read.addr.eq(next_place),
-                    self.waiting.eq(does.wait),
-                ]
-                m.d.sync += [b.eq(word), left.eq(code.steps)]
+                m.d.comb += self.waiting.eq(does.wait)
+                m.d.sync += [b.eq(word), left.eq(code.steps), second.eq(0)]
+                with m.If(does.load):
+                    m.d.sync += a.eq(0)
                 with m.If(~self.waiting | self.event):
                     m.d.comb += [read.en.eq(1), self.resumed.eq(self.waiting)]
-                    m.d.sync += place.eq(next_place + 1)
+                    m.d.sync += place.eq(read.addr + 1)
                     m.next = "Execute"
 
             with m.State("Execute"):
-                with m.If(left == 0):
-                    m.d.sync += code.eq(read.data)
-                    m.next = "Operand"
-                m.d.sync += left.eq(left - 1)
+                stepped = ~does.divide | second
+                m.d.sync += second.eq(~second)
+                with m.If(stepped):
+                    m.d.sync += left.eq(left - 1)
+                    with m.If(left == 0):
+                        m.d.sync += code.eq(read.data)
+                        m.next = "Operand"
                 with m.If(does.arithmetic):
                     m.d.sync += a.eq(adder.result)
-                with m.If(does.low):
+                with m.If(does.low & stepped):
                     m.d.sync += low.eq(adder.next_low)
                 with m.If(does.output):
-                    m.d.comb += self.output.eq(
-                        1 << code.condition[: max(len(self.program.outputs) - 1, 1).bit_length()]
-                    )
+                    m.d.comb += self.output.eq(code.address)
 
         with m.If(self.waiting):
             m.d.sync += started.eq(1)

@@ -15,7 +15,7 @@ from ..memory import BlockRam
 from .weight import Weight
 
 BANK_CELLS = 2048
-"""A block RAM of an ECP5. Each has a register of its own before one of them is picked: a bare read is slow."""
+"""A block RAM of an ECP5. Each has its own output register before one of them is picked."""
 
 _BANK_BITS = (BANK_CELLS - 1).bit_length()
 _ADDRESS_CLOCKS = 3
@@ -109,10 +109,10 @@ class Background(wiring.Component):
         following = Signal(range(self.cells))
         full = Signal()  # there are more blocks than cells
         m.d.comb += following.eq(address + 1)
-        with m.If(begins):
-            with m.If(frame_begins):
-                m.d.sync += [address.eq(0), base.eq(0), full.eq(0)]
-            with m.Elif(row_begins & ~band_begins):
+        with m.If(frame_begins):  # which is a block's beginning as well: a reset without an enable costs nothing
+            m.d.sync += [address.eq(0), base.eq(0), full.eq(0)]
+        with m.Elif(begins):
+            with m.If(row_begins & ~band_begins):
                 m.d.sync += address.eq(base)
             with m.Else():
                 m.d.sync += address.eq(following)
@@ -121,18 +121,14 @@ class Background(wiring.Component):
                 with m.If(row_begins):
                     m.d.sync += base.eq(following)
         banks = [self._bank(m, number) for number in range(-(-self.cells // BANK_CELLS))]
-        read_words = []
-        for number, bank in enumerate(banks):
-            word = Signal(8, name=f"word{number}", reset_less=True)
+        for bank in banks:
             m.d.comb += [bank.read.addr.eq(address), bank.read.en.eq(1)]
-            m.d.sync += word.eq(bank.read.data)
-            read_words.append(word)
         picked = delayed(m, address >> _BANK_BITS, _READ_CLOCKS - 1, "picked")
         stored = Signal(8, reset_less=True)
         with m.Switch(picked):
-            for number, word in enumerate(read_words):
+            for number, bank in enumerate(banks):
                 with m.Case(number):
-                    m.d.sync += stored.eq(word)
+                    m.d.sync += stored.eq(bank.read.data)
 
         # The greatest so far, written with each pixel.
         taking = Signal()
@@ -183,5 +179,5 @@ class Background(wiring.Component):
 
     def _bank(self, m: Module, number: int) -> BlockRam:
         depth = min(BANK_CELLS, self.cells - number * BANK_CELLS)
-        m.submodules[f"bank{number}"] = bank = BlockRam(8, depth)
+        m.submodules[f"bank{number}"] = bank = BlockRam(8, depth, registered=True)
         return bank

@@ -1,6 +1,6 @@
 """The run of a row that counts, and the best of the others."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -66,6 +66,9 @@ class Choose(wiring.Component):
         # Runs come at least two clocks apart, so the run still stands while it is taken, and the one before has been.
         compared, enough, wide, narrow = Signal(), Signal(), Signal(), Signal()
         stronger, wider, nearer, outdoes, held = Signal(), Signal(), Signal(), Signal(), Signal()
+        # What decides is known long before a run.
+        by_place, by_strength, by_width, always = Signal(), Signal(), Signal(), Signal()
+        choice = self.settings.choice
         m.d.sync += [
             compared.eq(self.valid),
             enough.eq(run.gated >= self.settings.run_gated),
@@ -74,22 +77,16 @@ class Choose(wiring.Component):
             stronger.eq(run.strength > best.strength),
             wider.eq(run.width > best.width),
             nearer.eq(run.away < best.away),
+            by_place.eq((choice == Choice.NEAREST) & placed),
+            by_width.eq(choice == Choice.WIDEST),
+            always.eq(choice == Choice.LAST),
+            by_strength.eq((choice == Choice.STRONGEST) | ((choice == Choice.NEAREST) & ~placed)),
             outdoes.eq(~self.other_found | (run.strength > other.strength)),
             held.eq(~self.other_found | (best.strength >= other.strength)),
         ]
         better, counts = Signal(), Signal()
-        with m.Switch(self.settings.choice):
-            with m.Case(Choice.FIRST):
-                m.d.comb += better.eq(0)
-            with m.Case(Choice.LAST):
-                m.d.comb += better.eq(1)
-            with m.Case(Choice.WIDEST):
-                m.d.comb += better.eq(wider)
-            with m.Case(Choice.NEAREST):
-                m.d.comb += better.eq(Mux(placed, nearer, stronger))
-            with m.Default():
-                m.d.comb += better.eq(stronger)
         m.d.comb += [
+            better.eq(always | (by_strength & stronger) | (by_width & wider) | (by_place & nearer)),
             counts.eq(compared & enough & wide & narrow & ~self.clear),
             self.take.eq(counts & (better | ~self.found)),
         ]

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 from magtrak.reference import fir
 from magtrak.reference.fir import CONTRAST_MAX, DERIVATIVE_MAX, REACH, TAPS
 
-from ..arithmetic import adder_tree
+from ..arithmetic import Multiply, adder_tree, differences
 from .lookahead import LOOKAHEAD
 
 
@@ -15,7 +15,8 @@ class Fir(wiring.Component):
     """A 15-tap derivative and its falling zero crossings, as :func:`magtrak.reference.fir.crossings` defines them.
 
     Every register moves by columns, not by clocks: a result stands ``LOOKAHEAD`` columns after its column entered,
-    beside the :class:`~gateware.vision.lookahead.Column`, until the next step. Products are sums of two shifted terms.
+    beside the :class:`~gateware.vision.lookahead.Column`, until the next step. Products are sums of two
+    shifted terms, or come from multipliers where a platform has them (see :class:`~gateware.arithmetic.Multiply`).
 
     Members
     -------
@@ -56,16 +57,26 @@ class Fir(wiring.Component):
         for place in range(1, LOOKAHEAD + REACH - 1):
             firsts.append(register(firsts[-1], f"first_{place}"))
 
-        # Steps 1 to 8: the window. The first column of a row fills it: the left border is replicated.
+        # Steps 1 to 8: the window. In its middle, the first column of a row fills what is behind: the left border is
+        # replicated.
         window = []
         for place in range(2 * REACH + 1):
             before = window[-1] if window else self.mix
-            window.append(register(Mux(self.row_first, self.mix, before), f"window_{place}"))
+            if place > REACH:
+                before = Mux(firsts[REACH], window[REACH - 1], before)
+            window.append(register(before, f"window_{place}"))
         # Steps 9 and 10: differences of at most 255, products; 11 and 12: sums; 13: the derivative.
+        pairs = [(window[REACH - k], window[REACH + k]) for k in range(1, REACH + 1)]
+        half = (REACH + 1) // 2
+        steps = differences(m, pairs[:half], 8, "low_differences") + differences(m, pairs[half:], 8, "high_differences")
         terms = []
-        for k, tap in enumerate(TAPS, 1):
-            difference = register(window[REACH - k] - window[REACH + k], f"difference_{k}")
-            terms.append(register(_times(difference, tap), f"product_{k}"))
+        for k, (tap, difference) in enumerate(zip(TAPS, steps, strict=True), 1):
+            if hasattr(platform, "get_multiplier") and tap.bit_count() > 1:
+                m.submodules[f"multiply_{k}"] = multiply = Multiply(signed(9), tap.bit_length())
+                m.d.comb += [multiply.a.eq(difference), multiply.b.eq(tap), multiply.enable.eq(self.step)]
+                terms.append(multiply.product)
+            else:
+                terms.append(register(_times(register(difference, f"difference_{k}"), tap), f"product_{k}"))
         slope = Signal(signed(DERIVATIVE_MAX.bit_length() + 1))
         m.d.comb += slope.eq(adder_tree(terms, register))
         # Step 14: its sign.

@@ -1,6 +1,6 @@
 """The colour gate: three tables, all of which must pass."""
 
-from amaranth.hdl import Cat, Module, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -56,10 +56,13 @@ class Gate(wiring.Component):
             read = table.read_port(domain="comb")
             index = self.i[name]
             m.d.comb += read.addr.eq(Cat(index[5:8], bank))
-            word = delayed(m, read.data, 1, f"{name}_word")
-            low = delayed(m, index[:5], 1, f"{name}_low")
+            # Only the byte in question gets into the word: that takes the registers' reset, and no multiplexer.
+            word = Signal(32, name=f"{name}_word")
+            for number in range(4):
+                part = slice(8 * number, 8 * number + 8)
+                m.d.sync += word[part].eq(Mux(index[3:5] == number, read.data[part], 0))
             byte = Signal(8, name=f"{name}_byte", reset_less=True)
-            m.d.sync += byte.eq(word.word_select(low[3:5], 8))
-            passes.append(byte.bit_select(delayed(m, low[:3], 1, f"{name}_bit"), 1))
+            m.d.sync += byte.eq(word[:8] | word[8:16] | word[16:24] | word[24:])
+            passes.append(byte.bit_select(delayed(m, index[:3], 2, f"{name}_bit"), 1))
         m.d.sync += self.o.eq(passes[0] & passes[1] & passes[2])
         return m

@@ -2,7 +2,6 @@
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from magtrak.reference import isolate
@@ -10,6 +9,7 @@ from magtrak.reference import isolate
 from ..arithmetic import delayed
 from ..camera.monitor import MIN_BLANKING, MIN_ROW_PERIOD
 from ..layouts import FrameSettings
+from ..memory import BlockRam
 from .pixels import MeasuredPixel
 
 
@@ -129,7 +129,7 @@ class Isolate(wiring.Component):
             m.d.sync += active.eq(~last)
 
         # The column at hand, and the pixel of it that goes out with the next step.
-        word = Signal(HeldPixel, reset_less=True)
+        word = Signal(HeldPixel)
         here, here_first, here_valid = Signal(HeldPixel, reset_less=True), Signal(), Signal()
         present, cut, ends = Signal(), Signal(), Signal()
         next_ended = Signal()
@@ -205,24 +205,24 @@ class Isolate(wiring.Component):
         with m.If(begun):
             m.d.sync += [need.eq(self.settings.isolate), direct.eq(quiet & (self.settings.isolate == 0))]
 
-        # The row: written when its image is known to be held; read two columns ahead, through a register.
-        # A column is never read in the clock in which it is written: told to the tools, that saves the logic for it.
-        attributes = {"no_rw_check": 1}
-        m.submodules.memory = memory = Memory(shape=HeldPixel, depth=self.max_columns, init=[], attrs=attributes)
-        write, read = memory.write_port(), memory.read_port(domain="comb")
-        fetched = Signal(HeldPixel, reset_less=True)  # the output of the block RAM
+        # The row: written when its image is known to be held; read two columns ahead, for the memory's own register.
+        # A column is never read in the clock in which it is written.
+        m.submodules.memory = memory = BlockRam(HeldPixel, self.max_columns, registered=True)
+        write, read = memory.write, memory.read
         fetch, fetch_at = Signal(), Signal(range(self.max_columns))
         at = Signal(range(self.max_columns))
         priming = Signal(2)
-        with m.If(valid_1):
-            m.d.sync += at.eq(Mux(first_1, 0, at + 1))
+        with m.If(first_1):
+            m.d.sync += at.eq(0)
+        with m.Elif(valid_1):
+            m.d.sync += at.eq(at + 1)
         m.d.comb += [write.addr.eq(at), write.en.eq(valid_2 & ~direct), write.data.above.eq(late_above)]
         for name in ("mix", "weight", "gate", "saturated", "fault", "row_last"):
             m.d.comb += write.data[name].eq(late[name])
-        m.d.comb += [read.addr.eq(fetch_at), fetch.eq(step | priming.any())]
+        m.d.comb += [read.addr.eq(fetch_at), read.en.eq(fetch), word.eq(read.data), fetch.eq(step | priming.any())]
         m.d.sync += priming.eq(priming << 1)
         with m.If(fetch):
-            m.d.sync += [fetched.eq(read.data), word.eq(fetched), fetch_at.eq(fetch_at + 1)]
+            m.d.sync += fetch_at.eq(fetch_at + 1)
         with m.If(write.en & late.row_last):
             m.d.sync += [held.eq(1), priming.eq(1), fetch_at.eq(0)]
 

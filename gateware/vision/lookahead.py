@@ -100,7 +100,8 @@ class Lookahead(wiring.Component):
         # What stands at LOOKAHEAD - 1 now and at LOOKAHEAD after the step; the counters take it in the same step.
         entry = LOOKAHEAD - 1
         reach = self.settings.run_reach
-        row_enters = Signal()
+        # (A reset that does not wait for a clock enable costs nothing.)
+        row_enters, frame_enters, leaves = Signal(), Signal(), Signal()
         column, row = Signal(12), Signal(12)
         ahead, behind = Signal(12), Signal(12)
         # Both gates are picked a step ahead, but for the one that just enters, which the greatest reach needs. That one
@@ -113,19 +114,25 @@ class Lookahead(wiring.Component):
                 behind_pick.eq(gates.bit_select(LOOKAHEAD + reach, 1)),
             ]
         m.d.comb += [
-            row_enters.eq(lines["row_first"][entry]),
+            row_enters.eq(self.step & lines["row_first"][entry]),
+            frame_enters.eq(row_enters & lines["frame_first"][entry]),
+            leaves.eq(self.step & lines["row_last"][LOOKAHEAD]),
             back.eq(LOOKAHEAD - 1 - reach),
             ahead_gate.eq(Mux(reach == LOOKAHEAD, entering["gate"], ahead_pick)),
         ]
-        with m.If(self.step):
-            m.d.sync += [
-                column.eq(Mux(row_enters, 0, column + 1)),
-                # Behind a row's last column all is blank, so the count starts anew before the next row is in view.
-                ahead.eq((ahead & (~lines["row_last"][LOOKAHEAD]).replicate(len(ahead))) + ahead_gate),
-                behind.eq(Mux(row_enters, 0, behind + behind_pick)),
-            ]
-            with m.If(row_enters):
-                m.d.sync += row.eq(Mux(lines["frame_first"][entry], 0, row + 1))
+        with m.If(row_enters):
+            m.d.sync += [column.eq(0), behind.eq(0)]
+        with m.Elif(self.step):
+            m.d.sync += [column.eq(column + 1), behind.eq(behind + behind_pick)]
+        # Behind a row's last column all is blank, so the count starts anew before the next row is in view.
+        with m.If(leaves):
+            m.d.sync += ahead.eq(ahead_gate)
+        with m.Elif(self.step):
+            m.d.sync += ahead.eq(ahead + ahead_gate)
+        with m.If(frame_enters):
+            m.d.sync += row.eq(0)
+        with m.Elif(row_enters):
+            m.d.sync += row.eq(row + 1)
         stepped = delayed(m, self.step, 1, "stepped")
 
         o = self.o.p

@@ -109,7 +109,7 @@ class Peak(wiring.Component):
                 other_found.eq(self.found & self.other_found),
                 own.eq(
                     self.chosen.second_found
-                    & (~self.other_found | (self.chosen.second.contrast >= self.other.strength))
+                    & (~self.other_found | (self.chosen.second_contrast >= self.other.strength))
                 ),
                 *assign(run, self.chosen, Run()),
                 *assign(other, self.other, Rival()),
@@ -133,7 +133,7 @@ class Peak(wiring.Component):
         with m.Elif(by_run):
             m.d.comb += [numerator.eq(self.chosen.moment), divisor.eq(self.chosen.sum)]
         with m.Else():
-            m.d.comb += [numerator.eq(self.chosen.crossing.rise), divisor.eq(self.chosen.crossing.contrast)]
+            m.d.comb += [numerator.eq(self.chosen.crossing.rise), divisor.eq(self.chosen.strength)]
         m.d.comb += [
             position.start.eq(self.taken),
             position.dividend.eq(numerator << FRACTION_BITS),
@@ -148,24 +148,20 @@ class Peak(wiring.Component):
             with m.If(own):
                 m.d.sync += [
                     rival.crossed.eq(1),
-                    rival.strength.eq(run.second.contrast),
+                    rival.strength.eq(run.second_contrast),
                     *assign(rival.crossing, run.second, Crossing()),
                 ]
             with m.Else():
                 m.d.sync += assign(rival, other, Rival())
         with m.If(steps[1]):
             m.d.sync += as_strong.eq(rival.strength >= run.strength)
-        placing = Signal()
-        with m.If(steps[1]):
-            m.d.sync += placing.eq(0)
-        with m.Elif(rival_divider.done):
-            m.d.sync += placing.eq(1)
-        with m.If(rival_divider.done & ~placing):
-            m.d.sync += ratio.eq(Mux(as_strong, 255, rival_divider.quotient))
+        compared = steps[1 + rival_divider.latency]
+        with m.If(compared):
+            m.d.sync += ratio.eq(Mux(as_strong, 255, rival_divider.quotient >> 1))
         m.d.comb += [
-            rival_divider.start.eq(steps[1] | (rival_divider.done & ~placing)),
-            rival_divider.dividend.eq(Mux(steps[1], rival.strength << 8, rival.crossing.rise << FRACTION_BITS)),
-            rival_divider.divisor.eq(Mux(steps[1], run.strength, rival.crossing.contrast)),
+            rival_divider.start.eq(steps[1] | compared),
+            rival_divider.dividend.eq(Mux(steps[1], rival.strength, rival.crossing.rise) << FRACTION_BITS),
+            rival_divider.divisor.eq(Mux(steps[1], run.strength, rival.strength)),
         ]
         # The position, then the runner-up a clock later: pick, straighten, add. Nothing here moves but while a row is
         # at work, which spares a simulation the rest of the time.
@@ -241,29 +237,32 @@ class Peak(wiring.Component):
         # Write.
         record = self.o.p.record
         m.d.sync += [written.eq(steps[-1]), self.o.valid.eq(steps[-1] | (late & ~busy))]
-        with m.If(late & ~busy):
-            m.d.sync += [self.o.p.row.eq(late_row), record.eq(0), record.overflow.eq(1)]
-        with m.If(steps[-1]):
-            m.d.sync += [self.o.p.row.eq(gated.row), record.eq(0), record.overflow.eq(gated.fault)]
-            with m.If(valid):
+        # All is 0 a clock before, by the registers' reset, which spares an AND at each bit.
+        with m.If((late & ~busy) | steps[-2]):
+            m.d.sync += record.eq(0)
+        with m.Elif(steps[-1] & valid):
+            m.d.sync += [
+                record.valid.eq(1),
+                record.position.eq(Mux(in_window, self.window_position, fine_before >> 1)),
+                record.cut.eq(cut | clipped_window),
+                record.ambiguous.eq(stray | doubtful | competed | no_window),
+                record.width.eq(Mux(found, run.width, span)),
+                record.gated.eq(Mux(found, run.gated, gated.total)),
+            ]
+            with m.If(found):
                 m.d.sync += [
-                    record.valid.eq(1),
-                    record.position.eq(Mux(in_window, self.window_position, fine_before >> 1)),
-                    record.cut.eq(cut | clipped_window),
-                    record.ambiguous.eq(stray | doubtful | competed | no_window),
-                    record.width.eq(Mux(found, run.width, span)),
-                    record.gated.eq(Mux(found, run.gated, gated.total)),
+                    record.saturated.eq(run.clipped.any()),
+                    record.sum.eq(run.sum),
+                    record.peak.eq(run.peak),
+                    record.clipped.eq(run.clipped),
+                    record.second_valid.eq(rivals),
                 ]
-                with m.If(found):
-                    m.d.sync += [
-                        record.saturated.eq(run.clipped.any()),
-                        record.sum.eq(run.sum),
-                        record.peak.eq(run.peak),
-                        record.clipped.eq(run.clipped),
-                        record.second_valid.eq(rivals),
-                    ]
-                with m.If(found & rivals):
-                    m.d.sync += [record.second_position.eq(fine >> 1), record.runner_up.eq(ratio)]
+            with m.If(found & rivals):
+                m.d.sync += [record.second_position.eq(fine >> 1), record.runner_up.eq(ratio)]
+        with m.If(late & ~busy):
+            m.d.sync += [self.o.p.row.eq(late_row), record.overflow.eq(1)]
+        with m.If(steps[-1]):
+            m.d.sync += [self.o.p.row.eq(gated.row), record.overflow.eq(gated.fault)]
         return m
 
 

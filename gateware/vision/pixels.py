@@ -47,26 +47,54 @@ class Region(wiring.Component):
     inside: Out(1)
 
     latency = 3
-    """Count, compare, join."""
+    """Count, compare, join. It starts with the bound that is equal and stops after the other, as is enough where rows
+    and columns come in order."""
 
     def elaborate(self, platform):
         m = Module()
         column, row = self.column, self.row
-        with m.If(self.valid):
-            m.d.sync += column.eq(Mux(self.row_first, 0, column + 1))
-            with m.If(self.row_first):
-                m.d.sync += row.eq(Mux(self.frame_first, 0, row + 1))
-        bounds = [
-            column >= self.settings.column_first,
-            column <= self.settings.column_last,
-            row >= self.settings.row_first,
-            row <= self.settings.row_last,
-        ]
-        within = Signal(len(bounds))
-        for at, bound in enumerate(bounds):
-            m.d.sync += within[at].eq(bound)
-        m.d.sync += self.inside.eq(within.all())
+        row_begins, frame_begins = Signal(), Signal()
+        m.d.comb += [row_begins.eq(self.valid & self.row_first), frame_begins.eq(row_begins & self.frame_first)]
+        # (A reset that does not wait for a clock enable costs nothing.)
+        with m.If(row_begins):
+            m.d.sync += column.eq(0)
+        with m.Elif(self.valid):
+            m.d.sync += column.eq(column + 1)
+        with m.If(frame_begins):
+            m.d.sync += row.eq(0)
+        with m.Elif(row_begins):
+            m.d.sync += row.eq(row + 1)
+        valid, row_first, frame_first = self.valid, self.row_first, self.frame_first
+        for clock in range(2):
+            held = [Signal(name=f"{name}_{clock + 1}") for name in ("valid", "row_first", "frame_first")]
+            m.d.sync += [
+                register.eq(value) for register, value in zip(held, (valid, row_first, frame_first), strict=True)
+            ]
+            valid, row_first, frame_first = held
+        in_columns = self._span(m, column, "column", valid, row_first)
+        in_rows = self._span(m, row, "row", valid & row_first, frame_first)
+        rows_hold = Signal()
+        with m.If(valid):
+            with m.If(row_first):
+                m.d.sync += rows_hold.eq(in_rows)
+            m.d.sync += self.inside.eq(in_columns & Mux(row_first, in_rows, rows_hold))
         return m
+
+    def _span(self, m: Module, place, name: str, step, begins):
+        """Whether the place of a clock ago, which counts with ``step`` and starts anew with ``begins``, is within the
+        bounds of its ``name``.
+        """
+        at_first, at_last = Signal(name=f"{name}_at_first"), Signal(name=f"{name}_at_last")
+        started, passed = Signal(name=f"{name}_started"), Signal(name=f"{name}_passed")
+        starts, goes = Signal(name=f"{name}_starts"), Signal(name=f"{name}_goes")
+        m.d.sync += [
+            at_first.eq(place == self.settings[f"{name}_first"]),
+            at_last.eq(place == self.settings[f"{name}_last"]),
+        ]
+        m.d.comb += [starts.eq((started & ~begins) | at_first), goes.eq(passed & ~begins)]
+        with m.If(step):
+            m.d.sync += [started.eq(starts), passed.eq(goes | at_last)]
+        return starts & ~goes
 
 
 class Pixels(wiring.Component):

@@ -26,7 +26,6 @@ class Crossing(wiring.Signature):
     halves : sum of the columns before and after
     straight, single : no column between them is exactly zero; one is
     rise : the derivative before
-    contrast : ``rise`` and the magnitude of the derivative after
     """
 
     def __init__(self) -> None:
@@ -36,7 +35,6 @@ class Crossing(wiring.Signature):
                 "straight": Out(1),
                 "single": Out(1),
                 "rise": Out(SLOPE_BITS),
-                "contrast": Out(CONTRAST_BITS),
             }
         )
 
@@ -47,15 +45,15 @@ class Run(wiring.Signature):
     Members
     -------
     first, last, width, sum, peak, moment, peak_first, peak_last, clipped, gated : as there
-    crossed : there is a crossing in it; else ``crossing.halves`` is its middle and the contrast 0
-    crossing : the one of the greatest contrast
-    strength : its contrast; with ``binary`` the run's sum
+    crossed : there is a crossing in it; else ``crossing.halves`` is its middle
+    crossing : the one of the greatest contrast: ``rise`` and the magnitude of the derivative after
+    strength : its contrast, or 0; with ``binary`` the run's sum
     centre : nearest column to the crossing, or middle
     away : columns from ``centre`` to where the line was in the row before
     coloured : enough gated pixels lie within reach of the crossing
     over : the filter at the crossing reaches over the border of the image
     touches : it begins or ends at the border of the image or of the region
-    second_found, second : the next best crossing
+    second_found, second, second_contrast : the next best crossing
     """
 
     def __init__(self) -> None:
@@ -81,6 +79,7 @@ class Run(wiring.Signature):
                 "touches": Out(1),
                 "second_found": Out(1),
                 "second": Out(Crossing()),
+                "second_contrast": Out(CONTRAST_BITS),
             }
         )
 
@@ -155,6 +154,7 @@ class Runs(wiring.Component):
         m.d.comb += near.eq(i.ahead[:5] - i.behind[:5])
         run = Run().create(path=("run",))
         crossing = Crossing().create(path=("crossing",))
+        contrast, greatest = Signal(CONTRAST_BITS, reset_less=True), Signal(CONTRAST_BITS, reset_less=True)
         centre = Signal(12, reset_less=True)
         coloured, over = Signal(reset_less=True), Signal(reset_less=True)
         at_left, at_right = Signal(reset_less=True), Signal(reset_less=True)
@@ -195,13 +195,13 @@ class Runs(wiring.Component):
                 crossing.straight.eq(self.distance == 1),
                 crossing.single.eq(self.distance == 2),
                 crossing.rise.eq(self.rise),
-                crossing.contrast.eq(self.contrast),
+                contrast.eq(self.contrast),
                 centre.eq(doubled >> 1),
                 over.eq(self.near_first | self.near_last),
                 coloured.eq(near >= self.settings.run_gated),
                 # Crossings are at least two columns apart, so the one before has been taken by now.
-                better.eq(self.contrast > run.crossing.contrast),
-                second.eq(self.contrast > run.second.contrast),
+                better.eq(self.contrast > greatest),
+                second.eq(self.contrast > run.second_contrast),
             ]
 
         # 2: add up
@@ -253,13 +253,15 @@ class Runs(wiring.Component):
             with m.If(starts | ~run.crossed | better):
                 m.d.sync += [
                     *assign(run.crossing, crossing, Crossing()),
+                    greatest.eq(contrast),
                     run.centre.eq(centre),
                     run.over.eq(over),
                     run.coloured.eq(coloured),
                     *assign(run.second, run.crossing, Crossing()),
+                    run.second_contrast.eq(greatest),
                 ]
             with m.Elif(~run.second_found | second):
-                m.d.sync += assign(run.second, crossing, Crossing())
+                m.d.sync += [*assign(run.second, crossing, Crossing()), run.second_contrast.eq(contrast)]
         ended, waited = Signal(), Signal()
         m.d.sync += [waited.eq(closed_lit), ended.eq(closed | waited)]
 
@@ -272,13 +274,12 @@ class Runs(wiring.Component):
         with m.If(ended):
             m.d.sync += [
                 *assign(self.o, run, Run(), leave=derived),
-                *assign(self.o.crossing, run.crossing, Crossing(), leave=("halves", "contrast")),
+                *assign(self.o.crossing, run.crossing, Crossing(), leave=("halves",)),
                 self.o.crossed.eq(~between),
                 self.o.touches.eq(touches_left | touches_right),
                 self.o.width.eq(run.last - run.first + 1),
                 self.o.gated.eq(high - low),
-                self.o.strength.eq(Mux(binary, run.sum, Mux(between, 0, run.crossing.contrast))),
-                self.o.crossing.contrast.eq(Mux(between, 0, run.crossing.contrast)),
+                self.o.strength.eq(Mux(binary, run.sum, Mux(between, 0, greatest))),
                 self.o.crossing.halves.eq(Mux(between, middle, run.crossing.halves)),
                 self.o.centre.eq(stands),
                 self.o.away.eq(Mux(stands >= self.place, stands - self.place, self.place - stands)),

@@ -1,6 +1,6 @@
 """The gated pixels of a row, runs or not: what the paper's own detector measures."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -32,8 +32,10 @@ class Spread(wiring.Component):
     -------
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
     left_edge, right_edge : of that column, from :class:`~gateware.vision.lookahead.Lookahead`
-    o : stream of :class:`Gated`, always ready, one per row, :attr:`latency` clocks after its last column; the
-        payload stays until the next row's first column has come
+    o : stream of :class:`Gated`, always ready, one per row, :attr:`latency` clocks after its last column; until the
+        next row's last column, but ``row``, ``last_column`` and ``fault`` until its first
+
+    A clock without a column follows each row.
     """
 
     column: In(stream.Signature(Column, always_ready=True))
@@ -41,25 +43,41 @@ class Spread(wiring.Component):
     right_edge: In(1)
     o: Out(stream.Signature(Gated, always_ready=True))
 
-    latency = 1
-    """Clocks from the row's last column to the result."""
+    latency = 2
+    """Clocks from the row's last column to the result: add, hold, while the sums begin anew."""
 
     def elaborate(self, platform):
         m = Module()
         i, o = self.column.p, self.o.p
-        total, columns = Signal(12), Signal(21)
-        m.d.comb += [total.eq(Mux(i.row_first, 0, o.total)), columns.eq(Mux(i.row_first, 0, o.columns))]
-        m.d.sync += self.o.valid.eq(self.column.valid & i.row_last)
+        total, columns, some = Signal(12), Signal(21), Signal()
+        first, last = Signal(12, reset_less=True), Signal(12, reset_less=True)
+        first_touches, last_touches = Signal(reset_less=True), Signal(reset_less=True)
+        over = Signal()
+        m.d.sync += [over.eq(self.column.valid & i.row_last), self.o.valid.eq(over)]
         with m.If(self.column.valid):
             m.d.sync += [
                 o.row.eq(i.row),
                 o.last_column.eq(i.column),
                 o.fault.eq(i.fault | (o.fault & ~i.row_first)),
-                o.total.eq(total + i.gate),
-                o.columns.eq(columns + Mux(i.gate, i.column, 0)),
             ]
-            with m.If(i.gate):
-                m.d.sync += [o.last.eq(i.column), o.last_touches.eq(self.right_edge)]
-                with m.If(total == 0):
-                    m.d.sync += [o.first.eq(i.column), o.first_touches.eq(self.left_edge)]
+        with m.If(self.column.valid & i.gate):
+            m.d.sync += [
+                total.eq(total + 1),
+                columns.eq(columns + i.column),
+                some.eq(1),
+                last.eq(i.column),
+                last_touches.eq(self.right_edge),
+            ]
+            with m.If(~some):
+                m.d.sync += [first.eq(i.column), first_touches.eq(self.left_edge)]
+        with m.If(over):
+            m.d.sync += [
+                o.total.eq(total),
+                o.columns.eq(columns),
+                o.first.eq(first),
+                o.last.eq(last),
+                o.first_touches.eq(first_touches),
+                o.last_touches.eq(last_touches),
+                *(value.eq(0) for value in (total, columns, some)),
+            ]
         return m

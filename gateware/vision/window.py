@@ -8,7 +8,7 @@ from magtrak.reference import centroid
 from magtrak.reference.centroid import HALF_WIDTHS, LANES
 from magtrak.reference.fir import FRACTION
 
-from ..arithmetic import Multiply, SerialDivider
+from ..arithmetic import Multiply, SerialDivider, differences, sums
 from ..layouts import FrameSettings
 from ..memory import BlockRam
 from .pixels import MeasuredPixel
@@ -72,7 +72,7 @@ class Window(wiring.Component):
     reference = staticmethod(centroid.window)
 
     READ = 3
-    """Clocks from ``start`` to the first word: address, memory, register."""
+    """Clocks from ``start`` to the first word: address, memory, its register."""
 
     SUM = 4
     """Clocks from a word to the sums that hold it: subtract, three levels of additions."""
@@ -87,9 +87,9 @@ class Window(wiring.Component):
         m.submodules.divider = divider = self._divider
         columns_bits = (self.max_columns - 1).bit_length()
         word_bits, group_bits = columns_bits - 3, columns_bits - 2
-        m.submodules.words = words = BlockRam(8 * LANES, 2 << word_bits)
-        m.submodules.means_left = means_left = BlockRam(8, 2 << group_bits)
-        m.submodules.means_right = means_right = BlockRam(8, 2 << group_bits)
+        m.submodules.words = words = BlockRam(8 * LANES, 2 << word_bits, registered=True)
+        m.submodules.means_left = means_left = BlockRam(8, 2 << group_bits, registered=True)
+        m.submodules.means_right = means_right = BlockRam(8, 2 << group_bits, registered=True)
         means = (means_left, means_right)
         self._write(m, words.write, means_left.write, columns_bits)
         m.d.comb += [
@@ -121,14 +121,14 @@ class Window(wiring.Component):
         with m.If(taken):
             m.d.sync += added.eq(multiply.product >> 4)
 
-        # Both ends' means are read at all times; those of the clock before `start` count.
+        # Both ends' means are read at all times; those of the clock before `start` count, or of the one before if the
+        # run that was compared then is not taken.
         bank = self.row[0]
-        end_means = [Signal(8, name=f"end{at}", reset_less=True) for at in range(2)]
-        for ram, end, value in zip(
-            means, (Mux(self.take, next_left, left), Mux(self.take, next_right, right)), end_means, strict=True
-        ):
-            m.d.comb += [ram.read.en.eq(1), ram.read.addr.eq(Cat(end[2 : 2 + group_bits], bank))]
-            m.d.sync += value.eq(ram.read.data)
+        compared, of_taken = Signal(), Signal(2)
+        m.d.sync += [compared.eq(self.compare), of_taken.eq(Cat(self.take | ~compared, of_taken))]
+        for ram, end, next_end in zip(means, (left, right), (next_left, next_right), strict=True):
+            place = Mux(compared, next_end, end)
+            m.d.comb += [ram.read.en.eq(1), ram.read.addr.eq(Cat(place[2 : 2 + group_bits], bank))]
 
         # Steps after `start`: one-hot, 1 in the clock after.
         step = Signal(self.latency + 1)
@@ -163,9 +163,9 @@ class Window(wiring.Component):
         # The base, once the means are here: at most 255, for nothing rises above that.
         bases = [Signal(9, name=f"base{at}", reset_less=True) for at in range(2)]
         brighter = Signal(reset_less=True)
-        shown = [Mux(out, 0, mean) for out, mean in zip(outside, end_means, strict=True)]
+        shown = [Mux(out, 0, mean) for out, mean in zip(outside, (ram.read.data for ram in means), strict=True)]
         base = Signal(9, reset_less=True)
-        with m.If(active):
+        with m.If(of_taken[1]):
             m.d.sync += [
                 *(held.eq(mean + added) for held, mean in zip(bases, shown, strict=True)),
                 brighter.eq(shown[1] > shown[0]),
@@ -173,19 +173,13 @@ class Window(wiring.Component):
         with m.If(step[1]):
             m.d.sync += base.eq(Mux(brighter, bases[1], bases[0]))
 
-        # Read from the last word to the first. `number` is that of the word being read, `index` its distance from the
-        # first. Words behind the window's last come before that one.
+        # Read from the last word to the first. `number` is that of the word being read. Words behind the window's last
+        # come before that one.
         read = words.read
-        index = Signal(range(WORDS + 1))
         number = Signal(word_bits + 1)
         m.d.comb += [read.en.eq(active), read.addr.eq(Cat(address[:word_bits], bank_held))]
         with m.If(active):
             m.d.sync += [address.eq(address - 1), number.eq(address)]
-        with m.If(step[0]):
-            m.d.sync += index.eq(WORDS - 1)
-        with m.Elif(index != 0):
-            m.d.sync += index.eq(index - 1)
-        word = Signal(8 * LANES, reset_less=True)
         mask = Signal(LANES)
         lanes_low, lanes_high = Signal(LANES), Signal(LANES)
         is_last, reached = Signal(), Signal()
@@ -197,19 +191,20 @@ class Window(wiring.Component):
         with m.If(active):
             m.d.sync += [
                 reached.eq(~step[0] & (reached | is_last)),
-                word.eq(read.data),
                 mask.eq(
-                    Mux(reached | is_last, 0xFF, 0) & Mux(index == 0, lanes_low, 0xFF) & Mux(is_last, lanes_high, 0xFF)
+                    Mux(reached | is_last, 0xFF, 0) & Mux(step[WORDS], lanes_low, 0xFF) & Mux(is_last, lanes_high, 0xFF)
                 ),
             ]
 
         # What rises above the base; sums and moments of a word.
         above = [Signal(8, name=f"above{lane}", reset_less=True) for lane in range(LANES)]
+        rests = []
+        for at in range(0, LANES, 4):
+            lanes = [(read.data.word_select(lane, 8), base) for lane in range(at, at + 4)]
+            rests += differences(m, lanes, 8, f"rests{at}")
         with m.If(active):
-            for lane, value in enumerate(above):
-                left_over = Signal(signed(10), name=f"left_over{lane}")
-                m.d.comb += left_over.eq(word.word_select(lane, 8) - base)
-                m.d.sync += value.eq(Mux(mask[lane] & ~left_over[-1], left_over, 0))
+            for lane, (value, rest) in enumerate(zip(above, rests, strict=True)):
+                m.d.sync += value.eq(Mux(mask[lane] & ~rest[-1] & ~base[-1], rest, 0))
             total, moment = _word_sums(m, above)
 
         # Step READ + SUM is the first in which the sums of a word are here.
@@ -287,12 +282,12 @@ def _word_sums(m: Module, values: list) -> tuple:
         return register
 
     v = values
-    pairs = [held(v[at] + v[at + 1], f"pair{at}") for at in range(0, 8, 2)]
-    odd = [held(v[1] + v[3], "odd0"), held(v[5] + v[7], "odd1")]
+    couples = sums(m, [(v[at], v[at + 1]) for at in range(0, 8, 2)], 8, "couples")
+    pairs = [held(value, f"pair{at}") for at, value in enumerate(couples)]
+    odd = [held(value, f"odd{at}") for at, value in enumerate(sums(m, [(v[1], v[3]), (v[5], v[7])], 8, "odds"))]
     # Number n = n0 + 2 * n1 + 4 * n2: bit 0 is set in the odd ones, bit 1 in pairs 1 and 3, bit 2 in pairs 2 and 3.
-    total = [held(pairs[0] + pairs[1], "total0"), held(pairs[2] + pairs[3], "total1")]
-    ones = held(odd[0] + odd[1], "ones")
-    twos = held(pairs[1] + pairs[3], "twos")
+    fourths = [(pairs[0], pairs[1]), (pairs[2], pairs[3]), (odd[0], odd[1]), (pairs[1], pairs[3])]
+    *total, ones, twos = (held(value, f"fourth{at}") for at, value in enumerate(sums(m, fourths, 9, "fourths")))
     low = held(ones + (twos << 1), "low")
     fours = held(total[1], "fours")
     return held(total[0] + total[1], "word_total"), low + (fours << 2)

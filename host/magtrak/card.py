@@ -36,6 +36,7 @@ _REFUSALS = {
     AnswerCode.NOT_ALLOWED: "does not allow it",
     AnswerCode.OUT_OF_RANGE: "finds the value out of range",
     AnswerCode.MALFORMED: "cannot read the command",
+    AnswerCode.NO_CLOCK: "has no pixel clock, which the gate's tables need; is the camera connected and on?",
 }
 
 

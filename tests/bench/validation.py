@@ -18,6 +18,7 @@ from magtrak.validate.segments import find_planes
 from magtrak.validate.virtual import Recording, record
 from sim.scene import Scene
 from tests.bench import Figure
+from tests.support.noise import column_noise_px
 from tests.support.water import nominal, observe
 
 PORTS_SEED = 4
@@ -31,19 +32,6 @@ def recorded(scene: str, folder: Path, paper: bool) -> Recording:
 
 def worst(result: Result, what: str) -> float:
     return max(abs(line.error or 0.0) for line in result.lines if what in line.what)
-
-
-def column_noise_px(cloud: np.ndarray) -> float:
-    """From second differences down the line, which is smooth: they have six times the variance of a column."""
-    parts = []
-    for frame in np.unique(cloud["scalar_frame"]):
-        mine = cloud[cloud["scalar_frame"] == frame]
-        column = np.full(mine["scalar_row"].max() + 3, np.nan)
-        column[mine["scalar_row"]] = mine["scalar_column"]
-        parts.append(np.diff(column, 2))
-    bend = np.concatenate(parts)
-    bend = bend[np.isfinite(bend)]
-    return float(1.4826 * np.median(np.abs(bend)) / np.sqrt(6))
 
 
 def run() -> Iterator[Figure]:

@@ -46,7 +46,8 @@ def wired(name: str) -> dict[str, str]:
 class Hollow(wiring_lib.Component):
     """A core's ports without the core, which is the same on all boards: its netlist takes most of the time."""
 
-    def __init__(self, features: Features) -> None:
+    def __init__(self, features: Features, pixel_domain: str) -> None:
+        self.pixel_domain = pixel_domain
         super().__init__(Core(features).signature)
 
     def elaborate(self, platform):
@@ -73,7 +74,7 @@ def test_every_board_elaborates_with_its_picture_and_a_camera(name, link, source
 def test_the_small_card_elaborates_in_full():
     """The large one is built in full elsewhere."""
     files = plan(BOARDS["icebreaker"]).files
-    assert "top.card.core.vision" in files["top.il"]
+    assert "top.card.core.pixels.vision" in files["top.il"]
 
 
 @pytest.mark.parametrize("name", BOARDS)
@@ -150,7 +151,9 @@ def test_an_unknown_board_link_or_source_is_named_beside_what_there_is():
         find("")
     with pytest.raises(BoardError, match="ecpix5-45f has no link 'usb'; it has: uart"):
         plan(BOARDS["ecpix5-45f"], "usb")
-    with pytest.raises(BoardError, match="no source 'film'; the sources are: pattern, ov7670, ov2640, ov5640"):
+    with pytest.raises(
+        BoardError, match="no source 'film'; the sources are: pattern, pattern-1080p, ov7670, ov2640, ov5640"
+    ):
         plan(BOARDS["ecpix5-45f"], source="film")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from boards import program, table
-from boards.build import UNITS, Result, _plain, build, check, folder, summary
+from boards.build import UNITS, Result, _crossings, _plain, build, check, folder, summary
 from boards.catalogue import BOARDS
 from boards.dfu import suffixed
 from boards.errors import BoardError
@@ -38,12 +38,27 @@ def test_a_clock_that_is_too_slow_fails_in_one_sentence():
         check(BOARD, result)
 
 
+def test_what_crosses_too_slowly_fails_too():
+    """Seven nanoseconds are in time for a clock of 60 MHz, and not for one of 150; usb is no clock of pixels."""
+    parts = [{"delay": 1.5}, {"delay": 5.5}]
+    names = {"sync": "posedge $glbnet$clk", "pixel": "posedge $glbnet$card.core.pixels.pixel_clk", "usb": "posedge usb"}
+    ways = [("sync", "pixel"), ("pixel", "sync"), ("sync", "sync"), ("sync", "usb")]
+    paths = [{"from": names[start], "to": names[end], "path": parts} for start, end in ways]
+    crossing_ns = _crossings([*paths, {"from": "<async>", "to": names["pixel"], "path": parts}])
+    assert crossing_ns == {"sync to pixel": 7.0, "pixel to sync": 7.0}
+    mhz = {"sync": 60.0, "pixel": 150.0}
+    with pytest.raises(BoardError, match=r"timing: sync to pixel takes 7\.0 of 6\.7 ns; report"):
+        check(BOARD, Result("", 1.0, {}, {}, mhz, mhz, crossing_ns))
+    check(BOARD, Result("", 1.0, {}, {}, mhz, mhz, {"pixel to sync": 7.0}))
+
+
 @pytest.mark.parametrize(
     ("net", "name"),
     [
         ("$glbnet$clk", "sync"),
         ("$glbnet$usb_io_clk", "usb_io"),
         ("$glbnet$clk_sync", "sync"),
+        ("$glbnet$card.core.pixels.pixel_clk", "pixel"),
         ("card.camera_clk_$glb_clk", "camera"),
     ],
 )

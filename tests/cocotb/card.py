@@ -47,20 +47,24 @@ class CardDriver:
     dut : the module ``top``
     rng : of all stalls and gaps
     stalls : part of the clocks in which either side of the link pauses
+    pixel_ps : period of the pixels' clock, where they have one of their own
 
     Attributes
     ----------
     listening : the host reads; if not, the link stands still
-    frames : received, oldest first
+    frames, pieces : received, oldest first; pieces are those of snapshots, with the pixels' bytes
     damaged : packets that came damaged; a test may not leave any behind
     """
 
-    def __init__(self, dut, rng: random.Random, stalls: float = 0.3) -> None:
+    def __init__(self, dut, rng: random.Random, stalls: float = 0.3, pixel_ps: int | None = None) -> None:
         self.dut = dut
         self.rng = rng
         self.stalls = stalls
         self.listening = True
+        self.pixel_clk = dut.pixel_clk if pixel_ps else dut.clk
+        self.pixel_clock = Clock(self.pixel_clk, pixel_ps, unit="ps") if pixel_ps else None
         self.frames: deque[Frame] = deque()
+        self.pieces: list[tuple[dict[str, int], bytes]] = []
         self._answers: deque[dict[str, int]] = deque()
         self._out: deque[int] = deque()
         self._deframer = protocol.Deframer()
@@ -78,6 +82,8 @@ class CardDriver:
         dut.interlock.value = 1
         dut.clock_hz.value = CLOCK_HZ
         Clock(dut.clk, PERIOD_NS, unit="ns").start()
+        if self.pixel_clock:
+            self.pixel_clock.start()
         await FallingEdge(dut.clk)
 
     async def link(self) -> None:
@@ -103,6 +109,9 @@ class CardDriver:
             self._expected = (self._expected + 1) % 65536
             if packet.type == PacketType.FRAME:
                 self.frames.append(unpack_frame(packet.payload))
+            elif packet.type == PacketType.SNAPSHOT:
+                size = protocol.SNAPSHOT.size
+                self.pieces.append((protocol.SNAPSHOT.unpack(packet.payload[:size]), packet.payload[size:]))
             else:
                 assert packet.type == PacketType.ANSWER, packet.type
                 self._answers.append(protocol.ANSWER.unpack(packet.payload))
@@ -139,15 +148,20 @@ class CardDriver:
         assert answer["code"] == AnswerCode.DONE, answer
         return register.decode(answer["value"])
 
-    async def show(self, image: np.ndarray, gaps: float = 0.0) -> None:
-        """An image (rows, columns, 3), with random pauses between its pixels and the least blanking there may be."""
-        dut, rng = self.dut, self.rng
+    async def show(self, image: np.ndarray, gaps: float = 0.0, pause: int = FRAME_GAP) -> None:
+        """An image (rows, columns, 3), with random pauses between its pixels and the least blanking there may be.
+
+        ``pause`` clocks follow it.
+        """
+        dut, rng, clock = self.dut, self.rng, self.pixel_clk
+        if self.pixel_clock:  # the caller has the card's clock
+            await FallingEdge(clock)
         for y, row in enumerate(image.tolist()):
             clocks = 0
             for x, (r, g, b) in enumerate(row):
                 while x and gaps and rng.random() < gaps:
                     dut.video_valid.value = 0
-                    await FallingEdge(dut.clk)
+                    await FallingEdge(clock)
                     clocks += 1
                 dut.video_valid.value = 1
                 dut.video_r.value = r
@@ -156,13 +170,13 @@ class CardDriver:
                 dut.video_row_first.value = x == 0
                 dut.video_row_last.value = x == len(row) - 1
                 dut.video_frame_first.value = x == 0 and y == 0
-                await FallingEdge(dut.clk)
+                await FallingEdge(clock)
                 clocks += 1
             dut.video_valid.value = 0
             for _ in range(max(LINE_BLANKING, ROW_CLOCKS - clocks)):
-                await FallingEdge(dut.clk)
+                await FallingEdge(clock)
         dut.video_frame_end.value = 1
-        await FallingEdge(dut.clk)
+        await FallingEdge(clock)
         dut.video_frame_end.value = 0
-        for _ in range(FRAME_GAP):
-            await FallingEdge(dut.clk)
+        for _ in range(pause):
+            await FallingEdge(clock)

@@ -13,7 +13,7 @@ def _inverted(self, platform):
     before anything was read.
     """
     m = Module()
-    plain = BlockRam(self.shape, self.depth, self.init)
+    plain = BlockRam(self.shape, self.depth, self.init, registered=self.registered)
     m.submodules.plain = _elaborate(plain, platform)
     met, word = Signal(init=1), Signal(self.shape)
     m.d.comb += [
@@ -25,8 +25,13 @@ def _inverted(self, platform):
         word.eq(plain.read.data),
         Value.cast(self.read.data).eq(Mux(met, ~Value.cast(word), Value.cast(word))),
     ]
+    meets = self.write.en & (self.write.addr == self.read.addr)
     with m.If(self.read.en):
-        m.d.sync += met.eq(self.write.en & (self.write.addr == self.read.addr))
+        if self.registered:
+            before = Signal()
+            m.d.sync += before.eq(meets)
+            meets = before
+        m.d.sync += met.eq(meets)
     return m
 
 

@@ -6,12 +6,12 @@ import re
 
 import pytest
 from amaranth.back import rtlil
-from amaranth.hdl import Module, Shape, signed
+from amaranth.hdl import Cat, Module, Shape, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from boards.ecp5 import Ecp5
-from gateware.arithmetic import Multiply, SerialDivider, delayed
+from gateware.arithmetic import Multiply, SerialDivider, delayed, differences, sums
 from tests.support.simulation import simulate
 
 SEED = 1234
@@ -177,3 +177,51 @@ def test_multiply_of_an_ecp5(shapes):
         (top,) = re.findall(rf"connect \\{name}17 (.*)", text)
         assert (top == "1'0") == (not shape.signed and shape.width < 18), top
     assert 'parameter \\REG_OUTPUT_CLK "CLK0"' in text
+
+
+class SideBySide(wiring.Component):
+    """Three sums and three differences of numbers of 5 bits, a clock later."""
+
+    a: In(15)
+    b: In(15)
+    o: Out(36)
+    latency = 1
+
+    def elaborate(self, platform):
+        m = Module()
+        pairs = [(self.a.word_select(at, 5), self.b.word_select(at, 5)) for at in range(3)]
+        added, left = sums(m, pairs, 5, "added"), differences(m, pairs, 5, "left")
+        assert all(value.shape() == signed(6) for value in left)
+        m.d.sync += self.o.eq(Cat(*added, *left))
+        return m
+
+
+def test_side_by_side():
+    rng = random.Random(SEED)
+    ends = [0, 1, 30, 31]
+    items = [{"a": rng.getrandbits(15), "b": rng.getrandbits(15)} for _ in range(500)]
+    items += [{"a": a | c << 5 | b << 10, "b": b | a << 5 | c << 10} for a in ends for b in ends for c in ends]
+    for item, got in zip(items, stream_through(SideBySide(), items, "o"), strict=True):
+        pairs = [(item["a"] >> 5 * at & 31, item["b"] >> 5 * at & 31) for at in range(3)]
+        parts = [got >> 6 * at & 63 for at in range(6)]
+        assert parts == [a + b for a, b in pairs] + [(a - b) & 63 for a, b in pairs]
+
+
+def test_multiply_waits():
+    """Nothing moves without ``enable``."""
+    rng = random.Random(SEED)
+    dut = Multiply(8, signed(10))
+    line = [0, 0]
+
+    async def testbench(ctx):
+        for _ in range(300):
+            a, b, enable = rng.randrange(256), rng.randrange(-512, 512), rng.random() < 0.5
+            ctx.set(dut.a, a)
+            ctx.set(dut.b, b)
+            ctx.set(dut.enable, enable)
+            await ctx.tick()
+            if enable:
+                line[:] = [a * b, line[0]]
+            assert ctx.get(dut.product) == line[1]
+
+    simulate(dut, testbench)

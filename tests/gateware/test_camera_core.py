@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import pytest
 from amaranth.hdl import Module
 from amaranth.lib import io, wiring
 from amaranth.lib.wiring import connect
@@ -25,7 +26,8 @@ class Seeing(wiring.Component):
 
     def __init__(self, source: Dvp | Rgb) -> None:
         self.source = source
-        self.core = Core(Features(max_columns=64, max_rows=16))
+        own_clock = isinstance(source, Rgb) and source.own_clock
+        self.core = Core(Features(max_columns=64, max_rows=16), "camera" if own_clock else "sync")
         super().__init__({})
 
     def elaborate(self, platform):
@@ -92,6 +94,12 @@ def test_fields_are_told_in_the_frames():
     check(found, PICTURES)
     assert [header["row_step"] for header, _ in found] == [2, 2]
     assert [header["first_row"] for header, _ in found] == [0, 1]
+
+
+@pytest.mark.parametrize("ratio", [0.41, 2.47])
+def test_video_is_measured_in_its_own_clock(ratio):
+    clocks = rgb([rgb_frame(picture, RgbTiming(lines_back=4)) for picture in PICTURES])
+    check(frames_of(Rgb(own_clock=True), clocks, 2, ratio), PICTURES)
 
 
 class ClockPort(io.SimulationPort):

@@ -1,6 +1,7 @@
 """The whole card on small images, in Amaranth's simulator; ``tests/cocotb`` has more and larger ones."""
 
 import random
+import re
 
 import numpy as np
 import pytest
@@ -322,11 +323,14 @@ def test_sizes_that_are_not_possible_are_refused(columns, rows):
 
 
 def test_the_simulation_has_flat_ports():
-    ports = (
-        verilog(SimulationTop(Features(32, 2))).split("module top(")[1].split(")")[0].replace("\n", "").replace(" ", "")
-    )
+    text = verilog(SimulationTop(Features(32, 2)))
+    ports = text.split("module top(")[1].split(")")[0].replace("\n", "").replace(" ", "")
     video = ("valid", "r", "g", "b", "row_first", "row_last", "frame_first", "frame_end", "field")
     wires = ("encoder_a", "encoder_b", "index", "interlock", "pwm", "direction", "brake", "laser", "lamp", "run")
     pins = [*wires, "clock_hz", "serial", "link_baud", "line_errors", "clk"]
     stream = [f"{end}_{name}" for end in ("rx", "tx") for name in ("valid", "data", "ready")]
     assert sorted(ports.split(",")) == sorted([*(f"video_{name}" for name in video), *pins, *stream])
+    # One clock, and nothing of what a second one needs.
+    assert set(re.findall(r"@\(posedge (\S+)\)", text)) == {"clk"}
+    assert "top.core.pixels.vision" in text
+    assert not re.search(r"^module \\top\.core\.\S*(handover|exchange|strobes|results|guard)", text, re.MULTILINE)

@@ -113,7 +113,7 @@ def test_each_instruction_by_hand():
     end(p)
     low, high = 1000 * 12345 & 0xFFFFFF, 1000 * 12345 >> 24
     want = [-3, 2, 2 - 12345, 3, (1 << 31) + 5, -(1 << 31) + 5, -(1 << 31) - 1, (1 << 31) - 1, (1 << 27) - 1]
-    want += [high, low << 8, 1000 % 7, 1000 // 7]
+    want += [high, low << 8, 1000 % 7 - 7, 1000 // 7]
     assert run(p, {"one": -3, "two": 12345}, {"red": 0, "green": 1})[: len(want)] == want
 
 

@@ -6,6 +6,7 @@ from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from gateware.arithmetic import Multiply
 from gateware.vision.fir import Fir
 from gateware.vision.lookahead import LOOKAHEAD, Lookahead
 from gateware.vision.pixels import MeasuredPixel
@@ -13,6 +14,19 @@ from magtrak.reference import fir
 from tests.support.simulation import simulate
 
 SEED = 8
+
+
+class Multipliers:
+    """What a platform is that has multipliers, here those that the simulator knows."""
+
+    def get_multiplier(self, multiply: Multiply) -> Module:
+        return multiply.elaborate(None)
+
+
+@pytest.fixture(params=[None, Multipliers()], ids=["plain", "multipliers"])
+def platform(request, monkeypatch):
+    elaborate = Fir.elaborate
+    monkeypatch.setattr(Fir, "elaborate", lambda self, _: elaborate(self, request.param))
 
 
 class Filtered(wiring.Component):
@@ -92,6 +106,7 @@ def image_of_all_kinds(rng, rows: int, columns: int) -> np.ndarray:
     return image.astype(np.int32)
 
 
+@pytest.mark.usefixtures("platform")
 @pytest.mark.parametrize("gap", [0.0, 0.5])
 def test_gateware(gap):
     print("seed", SEED)

@@ -111,7 +111,7 @@ def test_a_slow_consumer_loses_nothing(terminal: tuple[int, str]) -> None:
     with Link(name) as link:
         writer = threading.Thread(target=write)
         writer.start()
-        writer.join(timeout=20)  # far more than the system buffers: somebody must be reading
+        writer.join(timeout=60)  # far more than the system buffers: somebody must be reading
         assert not writer.is_alive()
         assert [link.receive(2) for _ in sent] == sent
         assert link.statistics.bytes == sum(len(frame_packet(p)) for p in sent)
@@ -140,9 +140,9 @@ def test_arrival_is_when_the_bytes_came_not_when_they_were_asked_for(terminal: t
         assert link.receive(2) is not None  # the process runs now
         before = time.monotonic()
         os.write(master, frame_packet(Packet(1, 1, b"x")))
-        time.sleep(0.5)
+        time.sleep(1.5)
         assert link.receive(2) is not None
-        assert before <= link.arrival_s < before + 0.4
+        assert before <= link.arrival_s < before + 1.2
 
 
 def test_a_sequence_that_goes_back_is_a_restart_not_a_loss(terminal: tuple[int, str]) -> None:
@@ -167,7 +167,7 @@ def alive(pid: int) -> bool:
         return False
 
 
-def gone(pid: int, within_s: float = 5.0) -> bool:
+def gone(pid: int, within_s: float = 60.0) -> bool:
     deadline = time.monotonic() + within_s
     while alive(pid) and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -201,7 +201,7 @@ def test_a_killed_program_leaves_no_process_and_no_lock(terminal: tuple[int, str
     process, reader = program(name)
     assert alive(reader)
     process.send_signal(number)
-    process.communicate(timeout=20)
+    process.communicate(timeout=60)
     assert gone(reader)
     with Link(name) as link:
         os.write(master, frame_packet(Packet(1, 0, b"x")))
@@ -216,7 +216,7 @@ def test_ctrl_c_of_a_terminal_reaches_the_program_alone(terminal: tuple[int, str
     time.sleep(0.2)
     assert alive(reader)
     os.write(master, frame_packet(Packet(1, 0, b"late")))
-    out, _ = process.communicate(timeout=20)
+    out, _ = process.communicate(timeout=60)
     assert out == "interrupted b'late'\n"
     assert process.returncode == 0
     assert gone(reader)

@@ -75,7 +75,7 @@ def test_a_plug_that_gives_back_what_it_gets() -> None:
     ):
         Card(link, PATIENCE_S)
     os.close(slave)
-    thread.join(timeout=5)
+    thread.join(timeout=60)
     os.close(master)
     assert not thread.is_alive()
 

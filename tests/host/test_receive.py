@@ -141,7 +141,7 @@ def test_it_ends_after_so_many_seconds(receiver: Receiver) -> None:
         start = time.monotonic()
         done = receiver.run(card.port, "--seconds", "0.7")
         assert done.returncode == 0
-        assert 0.7 < time.monotonic() - start < 10
+        assert 0.7 < time.monotonic() - start < 40
     assert done.stdout.startswith("5 frames, 240 points")
 
 
@@ -154,7 +154,7 @@ def test_an_interrupt_writes_the_cloud_so_far(receiver: Receiver, number: signal
             time.sleep(0.01)
         time.sleep(0.4)
         process.send_signal(number)
-        out, _ = process.communicate(timeout=20)
+        out, _ = process.communicate(timeout=60)
         assert process.returncode == 0
         assert card.value("run") == 0
     frames = int(out.split()[0])
@@ -269,7 +269,7 @@ def test_progress_is_shown_on_a_terminal(receiver: Receiver) -> None:
                 shown += chunk
         except OSError:
             pass  # Linux's way to say that the other side has closed
-        assert process.wait(timeout=20) == 0
+        assert process.wait(timeout=60) == 0
     os.close(master)
     assert re.search(rb"\d+\.\d s  \d+ frames  \d+ points  0 lost  0 damaged", shown)
     assert shown.endswith(b"\r\x1b[K")

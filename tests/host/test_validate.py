@@ -18,7 +18,7 @@ from magtrak.validate.picture import draw
 from magtrak.validate.report import Line, table
 from magtrak.validate.segments import find_cylinder, find_planes, find_spheres, pieces
 from sim import surfaces
-from sim.scene import pose_of
+from sim.parts import pose_of
 from sim.surfaces import Box, Cylinder, Plane, Sphere, Surface
 from tests.sim.rig import at
 

@@ -8,7 +8,8 @@ import pytest
 from magtrak.validate.light import light_source
 from magtrak.validate.segments import find_cylinder
 from sim.optics import Laser
-from sim.scene import Scene, pose_of
+from sim.parts import pose_of
+from sim.scene import Scene
 from sim.surfaces import Cylinder
 from tests.host.test_validate import WALL, cast
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from sim.optics import Camera, Laser
-from sim.scene import Ambient, Object, Scan, Scene
+from sim.parts import Ambient, Object, Scan
+from sim.scene import Scene
 from sim.surfaces import Plane, Surface
 from sim.timing import Timing
 

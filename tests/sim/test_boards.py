@@ -12,8 +12,9 @@ from click.testing import CliRunner
 from sim.blur import smear
 from sim.boards import A3, BOARDS, INK, LARGE, Board
 from sim.errors import SimError
+from sim.parts import Object, pose_of
 from sim.photo import photo
-from sim.scene import Object, Scene, pose_of
+from sim.scene import Scene
 from sim.session import EXPOSURE_S, main, timing_of, views
 from sim.surfaces import Plane
 from tests.sim.rig import at, rig

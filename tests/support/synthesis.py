@@ -162,7 +162,7 @@ def _place(make: Callable[[], wiring.Component], device: Device, folder: Path, g
 
 
 def bare_reads(top: dict[str, Any]) -> list[str]:
-    """Outputs of the block RAMs of an ECP5 netlist that do not go straight to a register.
+    """Outputs of the block RAMs of an ECP5 netlist that go neither through their own register nor straight to one.
 
     One LUT may stand between: Yosys puts it there to return the word as it was where a write meets the read.
     """
@@ -190,7 +190,7 @@ def bare_reads(top: dict[str, Any]) -> list[str]:
     return [
         f"{name}.{port}"
         for name, cell in top["cells"].items()
-        if cell["type"] == "DP16KD"
+        if cell["type"] == "DP16KD" and cell["parameters"]["REGMODE_B"] != "OUTREG"
         for port, bits in cell["connections"].items()
         if re.fullmatch(r"DO[AB]\d+", port) and not registered(bits[0], 1)
     ]

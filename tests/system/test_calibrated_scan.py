@@ -13,7 +13,8 @@ import pytest
 from magtrak.calibration import Calibration
 from magtrak.cloud.ply import read_ply
 from magtrak.validate.segments import find_planes, find_spheres
-from sim.scene import FOLDER, Scene, pose_of
+from sim.parts import pose_of
+from sim.scene import FOLDER, Scene
 from sim.surfaces import Plane
 from tests.support.calibrated_scan import Pictures, calibrate, recording, replay, take_session, true_rig
 from tests.support.calibration_rig import PlaneError, plane_error

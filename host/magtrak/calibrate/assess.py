@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import Floats
 from ..errors import CalibrationError
+from . import score
 from .findings import Finding, finding, refuse
 from .joint import Estimates, estimate_laser
 from .observations import Lines, Observations
@@ -27,7 +28,9 @@ WALL_DEG, WALL_PART = 3.0, 0.03
 DISTANCES_MM = (60.0, 20_000.0)
 CORNER_PX, LINE_PX = 0.4, 0.3
 ANGLE_COUNTS = 0.25
-BAD_VIEW = 4.0
+BAD_VIEW, BAD_PX = 4.0, 0.05
+"""A view is bad where its corners are so many times as far off as those of most, and not below so many px."""
+
 GAIN = 40.0
 """Chi squared that a cause must explain: more than six sigma."""
 
@@ -145,7 +148,7 @@ def _bad_views(seen: Observations, found: Solution) -> list[Finding]:
     findings = []
     if usual > CORNER_PX:
         findings.append(finding("corners-noisy", px=usual))
-    for number in np.flatnonzero(rms > BAD_VIEW * usual):
+    for number in np.flatnonzero(rms > max(BAD_VIEW * usual, BAD_PX)):
         findings.append(finding("bad-view", view=seen.views[int(number)].name, times=rms[number] / usual))
     return findings
 
@@ -162,13 +165,13 @@ def _camera_cause(seen: Observations, found: Solution) -> list[Finding]:
         for name, along in (("across", xy[:, 0] / width * 2), ("down", xy[:, 1] / height * 2)):
             lift = np.zeros((len(xy), 3))
             lift[mine, 2] = (along**2)[mine]
-            columns[f"bent {name} {number}"] = solver.by_points(found, lift)
+            columns[f"bent {name} {number}"] = score.by_points(solver, found, lift)
             texts[f"bent {name} {number}"] = _above(0.15, "bent", "mm", 1.0, board=board.name)
         shift = np.zeros((len(xy), 3))
         shift[mine, 0] = xy[mine, 0]
-        columns[f"stretched {number}"] = solver.by_points(found, shift)
+        columns[f"stretched {number}"] = score.by_points(solver, found, shift)
         texts[f"stretched {number}"] = _above(3e-4, "stretched", "percent", 100.0, board=board.name)
-    focal = solver.derivative(found, "fx") + solver.derivative(found, "fy")
+    focal = score.derivative(solver, found, "fx") + score.derivative(solver, found, "fy")
     owner = np.repeat(at.corner_view, 2)
     for first in range(2, len(seen.views) - 1):
         column = focal.copy()
@@ -185,7 +188,7 @@ def _laser_cause(seen: Observations, found: Solution) -> list[Finding]:
     held = frozenset(name for name in found.rig.names() if name not in found.names)
     solver = Solver(seen, held)
     at = solver.predictions
-    by_counts = solver.by_counts(found)
+    by_counts = score.by_counts(solver, found)
     corners = 2 * len(at.corner_view)
     owner = at.line_view
     views = len(seen.views)
@@ -207,10 +210,10 @@ def _laser_cause(seen: Observations, found: Solution) -> list[Finding]:
     columns["counts"][corners : corners + len(owner)] *= at.counts
     texts["counts"] = _counts_per_turn(seen.counts_per_turn)
     for number, board in enumerate(seen.boards if len(seen.boards) > 1 else []):
-        columns[f"square {number}"] = solver.derivative(found, f"scale{number}")
+        columns[f"square {number}"] = score.derivative(solver, found, f"scale{number}")
         columns[f"square {number}"][corners + len(owner) :] = 0
         texts[f"square {number}"] = _above(2e-3, "square-size", "percent", 100.0, board=board.name)
-    columns["curved"] = solver.by_columns(found, _curve(solver, found))
+    columns["curved"] = score.by_columns(solver, found, _curve(solver, found))
     texts["curved"] = _above(0.15, "curved-line", "mm", 1.0)
     return _best(solver, found, columns, texts)
 
@@ -248,7 +251,7 @@ def _best(
     solver: Solver, found: Solution, columns: dict[str, Floats], texts: dict[str, Callable[[float], Finding | None]]
 ) -> list[Finding]:
     """The cause that explains most, if it explains much and is large enough to matter."""
-    gains = solver.gain(found, columns)
+    gains = score.gain(found, columns)
     least = min(GAIN, 0.4 * solver.predictions.images) if found.rig.laser is not None else GAIN
     most = max((gain for gain, _ in gains.values()), default=0.0)
     for name in sorted(gains, key=lambda key: -gains[key][0]):

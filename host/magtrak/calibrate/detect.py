@@ -9,6 +9,7 @@ import numpy as np
 from ..arrays import Floats, Integers
 from ..errors import CalibrationError
 from .board import Board
+from .corner import fit_corners
 from .findings import Finding, finding
 
 MIN_CORNERS = 8
@@ -106,9 +107,23 @@ def _refine(picture: Picture, board: Board, ids: Integers, corners: Floats) -> F
     half = int(np.clip(_square_px(board, ids, corners) * 0.18, 2, 9))
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
     start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
-    return np.asarray(
-        cv2.cornerSubPix(picture, start, (half, half), (-1, -1), criteria).reshape(-1, 2), dtype=np.float64
-    )
+    about = cv2.cornerSubPix(picture, start, (half, half), (-1, -1), criteria).reshape(-1, 2).astype(np.float64)
+    free = (1 - board.marker_mm / board.square_mm) / 2
+    return fit_corners(picture, about, *_sides(board, ids, about), free)
+
+
+def _sides(board: Board, ids: Integers, corners: Floats) -> tuple[Floats, Floats]:
+    """(N, 2) px each: by how much a side of a square along the board's X, and one along its Y, runs at each corner."""
+    import cv2
+
+    printed = np.ascontiguousarray(board.points(ids)[:, :2], dtype=np.float64)
+    matrix, _ = cv2.findHomography(printed, corners)
+    if matrix is None:  # all corners in one row: none is fitted
+        return np.zeros((len(ids), 2)), np.zeros((len(ids), 2))
+    here = cv2.perspectiveTransform(printed[None], matrix)[0]
+    steps = 0.01 * board.square_mm * np.eye(2)
+    across, down = (100 * (cv2.perspectiveTransform((printed + step)[None], matrix)[0] - here) for step in steps)
+    return across, down
 
 
 def _square_px(board: Board, ids: Integers, corners: Floats) -> float:

@@ -14,9 +14,11 @@ from ..arrays import Floats
 from ..errors import CalibrationError
 from ..laser import Laser
 from . import rig as rigs
+from . import score
 from .observations import Lines, Observations
+from .problem import Noise
 from .rig import Predictions, Rig
-from .solve import Noise, Solution, Solver
+from .solve import Solution, Solver
 from .sweep import Sweep, standard_form
 
 K3_SIGMAS = 4.0
@@ -56,7 +58,7 @@ def estimate_camera(seen: Observations) -> Solution:
     start = start_camera(bare)
     solver = Solver(bare, frozenset({"k3"}))
     found = solver.solve(start)
-    gain, _ = solver.gain(found, {"k3": solver.derivative(found, "k3")})["k3"]
+    gain, _ = score.gain(found, {"k3": score.derivative(solver, found, "k3")})["k3"]
     if gain > K3_SIGMAS**2:
         freed = Solver(bare).solve(found.rig, found.noise)
         if abs(freed.rig.camera[8]) > K3_SIGMAS * freed.sigma("k3"):

@@ -66,6 +66,7 @@ class AnswerCode(enum.IntEnum):
     NOT_ALLOWED = 4  # writing what can only be read, or the reverse
     OUT_OF_RANGE = 5
     MALFORMED = 6  # intact, but of the wrong length for its type
+    NO_CLOCK = 7  # a gate table cannot be written: the pixels' clock stands still
 
 
 COMMAND = Layout(
