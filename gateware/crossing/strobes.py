@@ -74,13 +74,14 @@ class Strobes(wiring.Component):
             told.end.eq(waits.end),
             told.first.eq(self.i_frame_first | waits.first),
             told.row.eq(self.i_row_first | waits.row),
-            told.refused.eq(waits.refused),
+            told.refused.eq(waits.refused & ~told.first),  # each counts an image
             told.field.eq(self.i_field),
             handover.i.valid.eq(told.end | told.first | told.row | told.refused),
             self.answered.eq(~told.first & (~under_way | handover.i.ready)),
         ]
         with m.If(handover.i.ready):
-            pixels += [waits.end.eq(0), waits.first.eq(0), waits.row.eq(0), waits.refused.eq(0)]
+            pixels += [waits.end.eq(0), waits.first.eq(0), waits.row.eq(0)]
+            pixels += waits.refused.eq(waits.refused & told.first)
             pixels += under_way.eq(told.first)
         with m.Else():
             pixels += [waits.first.eq(told.first), waits.row.eq(told.row)]
