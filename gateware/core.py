@@ -142,8 +142,6 @@ class Core(wiring.Component):
             motion.shutter.eq(alternation.laser),
             buffer.image.phase.eq(alternation.phase),
         ]
-        if features.runs:
-            m.d.comb += [alternation.subtracted.eq(vision.subtracted), vision.background.eq(alternation.background)]
 
         # Images are stamped with the angle.
         m.d.comb += [
