@@ -5,8 +5,11 @@ from dataclasses import dataclass
 from magtrak.protocol import COMPACT_ROW, FULL_ROW
 from magtrak.reference.ambient import MIN_CELLS
 
-DEFAULT_CELLS = 128 * 64
-"""Four block RAMs of an ECP5; 1080p in blocks of 16 x 16, VGA of 8 x 8, for which blocks of 4 x 4 take 19,200."""
+DEFAULT_CELLS = 160 * 120
+"""Ten block RAMs of an ECP5; VGA in blocks of 4 x 4."""
+
+FEWER_CELLS = 128 * 64
+"""Four block RAMs of an ECP5; VGA in blocks of 8 x 8, 1080p in blocks of 16 x 16 as with the default."""
 
 ROW_WORDS = FULL_ROW.size // COMPACT_ROW.size
 """Rows in the compact form that take the room of one in the full form."""

@@ -13,8 +13,8 @@ from ..memory import BlockRam
 from ..select import one_of
 from ..vision.pixels import MeasuredPixel
 
-SLOTS = 4
-"""Pieces that the memory holds: 512 words are one block RAM of an ECP5."""
+SLOTS = 8
+"""Pieces that the memory holds."""
 
 SLOT_WORDS = 128
 _WORD_BYTES = 3

@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from amaranth.hdl import Array, C, Cat, Const, Module, Mux, Signal, Value
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -141,15 +141,21 @@ class HLS(wiring.Component):
         # 4 and 5: look up
         m.submodules.table = table = BlockRom(MULTIPLIER_BITS, 2 * SATURATIONS, factors())
         over = total ^ 0x1FF  # what is missing to twice white, and 1
-        up_hue = _up([_at_least(delta, size) for size in SIZES])
-        up_saturation = _up([_at_least(total, size) & _above(over, size) for size in SIZES])
+        up_hue = Signal(2, reset_less=True)
+        up_saturation = Signal(2, reset_less=True)
+        m.d.sync += [
+            up_hue.eq(_up([_at_least(delta, size) for size in SIZES])),
+            up_saturation.eq(_up([_at_least(total, size) & _above(over, size) for size in SIZES])),
+        ]
         products = []
         for port, name, address, number, up in (
             (0, "hue", delta, way, up_hue),
             (1, "saturation", Cat(total, Const(1, 1)), delta, up_saturation),
         ):
             m.d.comb += table.address[port].eq(address)
-            scaled = self._scaled(m, platform, number, up, name)
+            number = delayed(m, number, 1, f"{name}_number")
+            scaled = Signal(8, name=f"{name}_scaled", reset_less=True)
+            m.d.sync += scaled.eq(Array(number << 2 * steps for steps in range(4))[up])
             m.submodules[f"multiply_{name}"] = multiply = Multiply(8, MULTIPLIER_BITS)
             m.d.comb += [multiply.a.eq(scaled), multiply.b.eq(table.word[port])]
             products.append(multiply.product)
@@ -167,19 +173,6 @@ class HLS(wiring.Component):
             self.o.saturation.eq(saturation),
         ]
         return m
-
-    def _scaled(self, m: Module, platform, number, up, name: str):
-        """``number << 2 * up`` two clocks later, 8 bits of it. A multiplier spares cells where there are any."""
-        if hasattr(platform, "get_multiplier"):
-            m.submodules[f"scale_{name}"] = scale = Multiply(8, 7)
-            power = Cat(Value.cast(up == steps // 2) if steps % 2 == 0 else C(0, 1) for steps in range(7))
-            m.d.comb += [scale.a.eq(number), scale.b.eq(power)]
-            return scale.product[:8]
-        steps_up = delayed(m, up, 1, f"{name}_up")
-        number = delayed(m, number, 1, f"{name}_number")
-        scaled = Signal(8, name=f"{name}_scaled", reset_less=True)
-        m.d.sync += scaled.eq(Array(number << 2 * steps for steps in range(4))[steps_up])
-        return scaled
 
 
 def _up(reached: list):

@@ -47,6 +47,7 @@ class Lookahead(wiring.Component):
     i : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready
     step, mix, row_first : the filter's input: a new column, its mix (a blank repeats the last), whether it begins a
         row; the column stands at ``mix`` from the clock after its step on, until the next step
+    before : number of the column before it, modulo 4096
     left_edge, right_edge : of the column: the row or the region of interest begins, ends with it
     near_last : fewer than :data:`~magtrak.reference.fir.REACH` columns follow it in the row
     o : stream of :class:`Column`, always ready; :attr:`latency` clocks after the pixel where columns come one a clock
@@ -57,6 +58,7 @@ class Lookahead(wiring.Component):
     step: Out(1)
     mix: Out(8)
     row_first: Out(1)
+    before: Out(12)
     left_edge: Out(1)
     right_edge: Out(1)
     near_last: Out(1)
@@ -121,9 +123,9 @@ class Lookahead(wiring.Component):
             ahead_gate.eq(Mux(reach == LOOKAHEAD, entering["gate"], ahead_pick)),
         ]
         with m.If(row_enters):
-            m.d.sync += [column.eq(0), behind.eq(0)]
+            m.d.sync += [column.eq(0), self.before.eq(~0), behind.eq(0)]
         with m.Elif(self.step):
-            m.d.sync += [column.eq(column + 1), behind.eq(behind + behind_pick)]
+            m.d.sync += [column.eq(column + 1), self.before.eq(column), behind.eq(behind + behind_pick)]
         # Behind a row's last column all is blank, so the count starts anew before the next row is in view.
         with m.If(leaves):
             m.d.sync += ahead.eq(ahead_gate)

@@ -220,7 +220,7 @@ class Peak(wiring.Component):
         with m.If(busy):
             m.d.sync += [
                 cut.eq(Mux(binary, gated.first_touches | gated.last_touches, run.touches | run.over | ~run.crossed)),
-                span.eq(gated.last - gated.first + 1),
+                span.eq(gated.last - gated.before),
                 enough.eq((gated.total >= self.settings.run_gated) & gated.total.any()),
                 stray.eq(found & (gated.total > (run.gated << 1))),
                 doubtful.eq(Mux(binary, span > self.settings.run_width_max, run.crossed & ~run.coloured)),

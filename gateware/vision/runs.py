@@ -1,6 +1,6 @@
 """Runs of lit pixels, each with its two best zero crossings."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -110,7 +110,7 @@ class Runs(wiring.Component):
     settings : ``run_bridge``, ``run_gated`` and ``detector`` are used
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
     falls, distance, rise, contrast, near_first, late : crossing at that column, from :class:`~gateware.vision.fir.Fir`
-    left_edge, right_edge, near_last : of that column, from :class:`~gateware.vision.lookahead.Lookahead`
+    before, left_edge, right_edge, near_last : of that column, from :class:`~gateware.vision.lookahead.Lookahead`
     place : column of the line in the row before
     valid, o : a :class:`Run`, which stands until the next; whether it counts is not decided here
     """
@@ -123,6 +123,7 @@ class Runs(wiring.Component):
     contrast: In(CONTRAST_BITS)
     near_first: In(1)
     late: In(1)
+    before: In(12)
     left_edge: In(1)
     right_edge: In(1)
     near_last: In(1)
@@ -165,6 +166,7 @@ class Runs(wiring.Component):
         passes = Signal()
         closed, closed_lit, crosses = Signal(), Signal(), Signal()
         at = Signal(12, reset_less=True)
+        at_before = Signal(12, reset_less=True)
         weight, saturated = Signal(8, reset_less=True), Signal(reset_less=True)
         ahead, behind = Signal(12, reset_less=True), Signal(12, reset_less=True)
         doubled = Signal(13)
@@ -182,6 +184,7 @@ class Runs(wiring.Component):
                 is_open.eq(within & ~closes),
                 gap.eq(Mux(i.lit, 0, gap + 1)),
                 at.eq(i.column),
+                at_before.eq(self.before),
                 weight.eq(i.weight),
                 saturated.eq(i.saturated),
                 at_left.eq(self.left_edge),
@@ -205,6 +208,7 @@ class Runs(wiring.Component):
             ]
 
         # 2: add up
+        run_before = Signal(12, reset_less=True)
         low, high = Signal(12, reset_less=True), Signal(12, reset_less=True)
         swept = Signal(30, reset_less=True)  # the moment about the present column
         middle = Signal(13, reset_less=True)  # in halves
@@ -213,6 +217,7 @@ class Runs(wiring.Component):
         with m.If(starts):
             m.d.sync += [
                 run.first.eq(at),
+                run_before.eq(at_before),
                 run.last.eq(at),
                 middle.eq(at << 1),
                 run.sum.eq(weight),
@@ -267,9 +272,13 @@ class Runs(wiring.Component):
 
         # 3: hold, while the next run adds up
         binary, between = Signal(), Signal()
-        stands = Signal(12)  # where the run stands
+        stands, beyond = Signal(12), Signal(signed(13))  # where the run stands, and by how much beyond the place
         m.d.sync += [binary.eq(self.settings.detector == Detector.BINARY), self.valid.eq(ended)]
-        m.d.comb += [between.eq(binary | ~run.crossed), stands.eq(Mux(between, middle >> 1, run.centre))]
+        m.d.comb += [
+            between.eq(binary | ~run.crossed),
+            stands.eq(Mux(between, middle >> 1, run.centre)),
+            beyond.eq(stands - self.place),
+        ]
         derived = ("width", "gated", "strength", "centre", "away", "touches", "crossing")
         with m.If(ended):
             m.d.sync += [
@@ -277,12 +286,12 @@ class Runs(wiring.Component):
                 *assign(self.o.crossing, run.crossing, Crossing(), leave=("halves",)),
                 self.o.crossed.eq(~between),
                 self.o.touches.eq(touches_left | touches_right),
-                self.o.width.eq(run.last - run.first + 1),
+                self.o.width.eq(run.last - run_before),
                 self.o.gated.eq(high - low),
                 self.o.strength.eq(Mux(binary, run.sum, Mux(between, 0, greatest))),
                 self.o.crossing.halves.eq(Mux(between, middle, run.crossing.halves)),
                 self.o.centre.eq(stands),
-                self.o.away.eq(Mux(stands >= self.place, stands - self.place, self.place - stands)),
+                self.o.away.eq(Mux(beyond < 0, self.place - stands, beyond)),
                 self.o.second_found.eq(run.second_found & ~between),
             ]
         return m

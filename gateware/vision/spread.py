@@ -8,8 +8,8 @@ from .lookahead import Column
 
 
 class Gated(data.Struct):
-    """Gated pixels of a row: how many, the sum of their columns, the first and the last, whether they lie at the border
-    of the image or of the region; and what ends with the row.
+    """Gated pixels of a row: how many, the sum of their columns, the last and the one before the first (modulo 4096),
+    whether first and last lie at the border of the image or of the region; and what ends with the row.
 
     2048 columns: the sum is at most 2047 * 1024 < 2**21.
     """
@@ -19,7 +19,7 @@ class Gated(data.Struct):
     fault: 1
     total: 12
     columns: 21
-    first: 12
+    before: 12
     last: 12
     first_touches: 1
     last_touches: 1
@@ -31,7 +31,7 @@ class Spread(wiring.Component):
     Members
     -------
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
-    left_edge, right_edge : of that column, from :class:`~gateware.vision.lookahead.Lookahead`
+    before, left_edge, right_edge : of that column, from :class:`~gateware.vision.lookahead.Lookahead`
     o : stream of :class:`Gated`, always ready, one per row, :attr:`latency` clocks after its last column; until the
         next row's last column, but ``row``, ``last_column`` and ``fault`` until its first
 
@@ -39,6 +39,7 @@ class Spread(wiring.Component):
     """
 
     column: In(stream.Signature(Column, always_ready=True))
+    before: In(12)
     left_edge: In(1)
     right_edge: In(1)
     o: Out(stream.Signature(Gated, always_ready=True))
@@ -49,8 +50,10 @@ class Spread(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         i, o = self.column.p, self.o.p
-        total, columns, some = Signal(12), Signal(21), Signal()
-        first, last = Signal(12, reset_less=True), Signal(12, reset_less=True)
+        total = Signal(12)
+        columns = Signal(21)
+        some = Signal()
+        before, last = Signal(12, reset_less=True), Signal(12, reset_less=True)
         first_touches, last_touches = Signal(reset_less=True), Signal(reset_less=True)
         over = Signal()
         m.d.sync += [over.eq(self.column.valid & i.row_last), self.o.valid.eq(over)]
@@ -69,12 +72,12 @@ class Spread(wiring.Component):
                 last_touches.eq(self.right_edge),
             ]
             with m.If(~some):
-                m.d.sync += [first.eq(i.column), first_touches.eq(self.left_edge)]
+                m.d.sync += [before.eq(self.before), first_touches.eq(self.left_edge)]
         with m.If(over):
             m.d.sync += [
                 o.total.eq(total),
                 o.columns.eq(columns),
-                o.first.eq(first),
+                o.before.eq(before),
                 o.last.eq(last),
                 o.first_touches.eq(first_touches),
                 o.last_touches.eq(last_touches),

@@ -127,9 +127,11 @@ class Vision(wiring.Component):
         m.d.comb += [
             runs.column.p.eq(lookahead.o.p),
             runs.column.valid.eq(lookahead.o.valid),
+            runs.before.eq(lookahead.before),
             runs.left_edge.eq(lookahead.left_edge),
             runs.right_edge.eq(lookahead.right_edge),
             runs.near_last.eq(lookahead.near_last),
+            spread.before.eq(lookahead.before),
             spread.left_edge.eq(lookahead.left_edge),
             spread.right_edge.eq(lookahead.right_edge),
             fir.step.eq(lookahead.step),

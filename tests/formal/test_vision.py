@@ -41,6 +41,7 @@ class RunsAreWhereTheyShouldBe(wiring.Component):
             takes.eq(rest == 0),
             ends.eq(column == self.columns - 1),
             dut.column.valid.eq(takes),
+            dut.before.eq(column - 1),
             i.column.eq(column),
             i.row_first.eq(column == 0),
             i.row_last.eq(ends),

@@ -3,10 +3,7 @@
 import colorsys
 
 import numpy as np
-import pytest
-from amaranth.hdl import Module
 
-from gateware.arithmetic import Multiply
 from gateware.vision.hls import (
     HLS,
     HUE_BITS,
@@ -91,17 +88,7 @@ def test_factors_are_exact():
     assert not table[0] and not table[SATURATIONS] and not table[SATURATIONS + 510], "greys"
 
 
-class Multipliers:
-    """What a platform is that has multipliers, here those that the simulator knows."""
-
-    def get_multiplier(self, multiply: Multiply) -> Module:
-        return multiply.elaborate(None)
-
-
-@pytest.mark.parametrize("platform", [None, Multipliers()], ids=["plain", "multipliers"])
-def test_gateware(platform, monkeypatch):
-    elaborate = HLS.elaborate
-    monkeypatch.setattr(HLS, "elaborate", lambda self, _: elaborate(self, platform))
+def test_gateware():
     print("seed", SEED)
     rng = np.random.default_rng(SEED)
     steps = np.array([0, 1, 2, 127, 128, 129, 253, 254, 255])

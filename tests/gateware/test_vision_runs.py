@@ -36,6 +36,7 @@ class Found(wiring.Component):
         wiring.connect(m, runs.o, wiring.flipped(self.o))
         m.d.comb += [
             self.valid.eq(runs.valid),
+            runs.before.eq(ahead.before),
             ahead.settings.eq(self.settings),
             runs.settings.eq(self.settings),
         ]

@@ -73,7 +73,7 @@ class FakeCard:
             "max_columns": 2048,
             "max_rows": 2048,
             "features": (1 << len(protocol.FEATURES)) - 1,
-            "background_cells": 8192,
+            "background_cells": 19200,
         }
         self._known |= identity or {}
         self._reset()
