@@ -175,8 +175,9 @@ def gone(pid: int, within_s: float = 60.0) -> bool:
 
 
 PROGRAM = """
-import sys, time
+import signal, sys, time
 from magtrak.link import Link
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background programs ignore it
 link = Link(sys.argv[1])
 try:
     print(link.reader_pid, flush=True)
