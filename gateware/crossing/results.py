@@ -8,6 +8,9 @@ from ..frame.facts import VisionFacts
 from ..layouts import RowResult, Rows
 from .handover import Handover
 
+WRITING_CLOCKS = 8
+"""That :class:`~gateware.frame.rows.RowStore` takes for a row, and some."""
+
 
 class _Word(data.Struct):
     """A row, or with ``end`` what is known of its image."""
@@ -19,6 +22,8 @@ class _Word(data.Struct):
 
 class Results(wiring.Component):
     """Carries the results of :class:`~gateware.vision.vision.Vision` to ``sync``, one at a time.
+
+    The image's end comes :data:`WRITING_CLOCKS` of ``sync`` after its last row at least.
 
     None is ever lost: rows are at least 32 clocks apart, and one is taken after at most 3 clocks of ``sync`` and 4 of
     the pixels, so the pixels' clock may be up to nine times that of ``sync``. Should one be lost all the same, its
@@ -63,11 +68,16 @@ class Results(wiring.Component):
             pixels += [ended.eq(1), vision.eq(self.i_vision)]
 
         word = handover.o.payload
+        writing = Signal(range(WRITING_CLOCKS + 1))
+        with m.If(self.o.row.valid):
+            m.d.sync += writing.eq(WRITING_CLOCKS)
+        with m.Elif(writing != 0):
+            m.d.sync += writing.eq(writing - 1)
         m.d.comb += [
-            handover.o.ready.eq(1),
+            handover.o.ready.eq(~word.end | (writing == 0)),
             self.o.row.valid.eq(handover.o.valid & ~word.end),
             self.o.row.payload.eq(word.row),
-            self.o.frame_end.eq(handover.o.valid & word.end),
+            self.o.frame_end.eq(handover.o.valid & word.end & (writing == 0)),
             self.vision.eq(word.vision),
         ]
         return m

@@ -100,7 +100,7 @@ async def test_snapshots_are_whole(dut):
     await card.write("snapshot", 7)
     assert await card.read("snapshot_busy") == 1
     for _ in range(30):
-        await card.show(image, pause=4000)  # a piece has to fit between two frames
+        await card.show(image, pause=8000)  # a piece has to fit between two frames
         if card.pieces and card.pieces[-1][0]["pixels"] == 0:
             break
     assert await card.read("snapshot_busy") == 0
@@ -178,6 +178,7 @@ async def test_backgrounds_are_subtracted(dut):
     await card.show(room, pause=500)
     await card.write("run", 1)
     await card.show(room, pause=1500)
+    await card.until("a frame", lambda: card.frames)
     assert card.frames.popleft().header["phase"] in (Phase.MEASURED, Phase.UNSUBTRACTED)
 
 
@@ -225,6 +226,7 @@ async def test_noise_ends_with_the_noise(dut):
     images = [random_image(rng, 10, 32) for _ in range(2)]
     for image in images:
         await card.show(image, pause=2000)
+    await card.until("two frames", lambda: len(card.frames) == 2)
     assert [frame.header["frame"] for frame in card.frames] == [number, number + 1]
     # The errors of the last clocks of noise may be the first image's.
     first, second = card.frames
