@@ -84,7 +84,7 @@ What a register takes stands in a ROM, and what was written is read back from a 
 Rows are stored in the form in which they are sent, as words of 32 bits: 8 block RAMs hold two buffers of 512 rows in
 the full form or 2048 in the compact one, 16 and 32 hold 1024 and 2048 full rows.
 
-The CRC takes 142 LUTs for 8 bits a clock, a third of that for 4 bits and less for one; the link has the clocks. Where
+The CRC takes 4 bits a clock when sending and one when receiving, not 8: the link has the clocks. Where
 nothing but order counts, an address is a shift register with feedback (`gateware/link/fifo.py`): no carry, one LUT.
 """
 

@@ -25,8 +25,8 @@ class Crc32(wiring.Component):
     """The CRC of ``zlib.crc32``, of the bits since ``start``.
 
     Like the table of D. V. Sarwate, "Computation of cyclic redundancy checks via table look-up", CACM 31 (1988), with
-    the entry made of one constant for each set bit. Fewer bits a clock take fewer cells: 8 bits 142 LUTs of four
-    inputs, 4 bits 45, one bit 20.
+    the entry made of one constant for each set bit. Fewer bits a clock take fewer cells; 8 bits take 142 LUTs of four
+    inputs.
 
     Parameters
     ----------
