@@ -55,7 +55,8 @@ def cocotb_speed() -> float:
     """Clocks per second of the same core when a cocotb coroutine sets the pixel at each clock."""
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "speed.json"
-        simulate_cocotb(card_verilog(), "tests.cocotb.tb_speed", variables={"MAGTRAK_SPEED": os.fspath(result)})
+        variables = {"MAGTRAK_SPEED": os.fspath(result)}
+        simulate_cocotb(card_verilog(), "tests.cocotb.tb_speed", variables=variables, optimise=True)
         return float(json.loads(result.read_text())["clocks_per_second"])
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cocotb
 from cocotb.clock import Clock
-from cocotb.triggers import FallingEdge
+from cocotb.triggers import FallingEdge, Timer
 
 from magtrak import protocol
 from tests.bench.virtual_card import CLOCK_HZ, ROW_CLOCKS, RUN, WIDTH, picture
@@ -24,10 +24,15 @@ async def test_speed(dut):
     dut.interlock.value = 1
     dut.tx_ready.value = 1
     Clock(dut.clk, 10, unit="ns").start()
+    await FallingEdge(dut.clk)
     for byte in protocol.frame_packet(RUN):
         dut.rx_valid.value = 1
         dut.rx_data.value = byte
-        await FallingEdge(dut.clk)  # the card is idle: it takes a byte a clock
+        taken = False
+        while not taken:
+            await Timer(2, "ns")  # settled: what holds now holds at the rising edge
+            taken = bool(dut.rx_ready.value)
+            await FallingEdge(dut.clk)
     dut.rx_valid.value = 0
     for _ in range(600):  # the registers get their first values before
         await FallingEdge(dut.clk)

