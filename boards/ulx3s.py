@@ -2,7 +2,7 @@
 
 from amaranth_boards import ulx3s
 
-from gateware.features import Features
+from gateware.features import FEWER_CELLS, Features
 
 from .board import ROWS_1024, Board
 
@@ -45,7 +45,7 @@ BOARDS = [
         program=("--board", "ulx3s"),
         about="Camera on J2, everything else on J1. US1 gives power, programs the board, and is the serial port.",
         source="amaranth-boards, and the board's constraints, github.com/emard/ulx3s, doc/constraints/ulx3s_v20.lpf",
-        features=Features(max_rows=512) if size == "12F" else ROWS_1024,
+        features=Features(max_rows=512, background_cells=FEWER_CELLS) if size == "12F" else ROWS_1024,
     )
     for size in ("12F", "25F", "45F", "85F")
 ]

@@ -57,14 +57,14 @@ def scenario(library: Path) -> tuple[bytes, list[object]]:
     for word in range(protocol.LUT_WORDS):  # one bank; the other after the first commit
         for name in ("lut_hue", "lut_luminance", "lut_saturation"):
             core.send(command(8, name, 0xFFFF_FFFF, word))
-    advance(12_000)
+    advance(40_000)
     for number, detector in enumerate(protocol.Detector):
         if number == 1:
             for word in range(protocol.LUT_WORDS):
                 for name in ("lut_hue", "lut_luminance", "lut_saturation"):
                     core.send(command(8, name, 0xFFFF_FFFF, word))
         core.send(command(8, "detector", detector) + command(9, "form", number % 2) + command(10, "commit", number + 1))
-        advance(3000)
+        advance(9000)
         image = rng.integers(0, 12, (ROWS, COLUMNS, 3), dtype=np.uint8)
         middle = np.linspace(14, 33, ROWS)[:, None]
         image[:, :, 1] += (220 * np.exp(-((np.arange(COLUMNS) - middle) ** 2) / 4.5)).astype(np.uint8)
@@ -73,7 +73,7 @@ def scenario(library: Path) -> tuple[bytes, list[object]]:
         advance(ROW_CLOCKS * ROWS + 3000)
     for number, name in enumerate(readable):
         core.send(command(number, name))
-    advance(12_000)
+    advance(40_000)
     core.close()
     return bytes(sent), pins
 
