@@ -64,10 +64,10 @@ Multipliers have their own registers in use (`gateware.arithmetic.Multiply`; on 
 it. `tests/gateware/test_synthesis.py` proves both of the netlist of `Vision`. Memories promise nothing of a word that
 is read while it is written (`gateware.memory.BlockRam`); each user says why that does not matter.
 
-What limits the clock on an LFE5U-12F-6 is a block RAM without its own output register: 5.83 ns from the clock to its
-output leave 0.9 ns of 148.5 MHz for the way to the next register, which nextpnr keeps or misses by chance. So it
-is with the table of `HLS` (145 MHz, seed 1) and the rows of `Window` (130). Yosys does not use the register inside the
-RAM. `Weight` reaches 245 MHz, `Monitor` 212, `Choose` 167.
+A block RAM of an ECP5 without its own output register takes 5.83 ns from the clock to its output. Yosys does not use
+that register, so the ECP5 boards' platform places the RAM itself (`boards/ecp5.py`; compared by
+`tests/gateware/test_memory_ecp5.py`). What limits the clock of `Vision` now is the divider for the runner-up in `Peak`:
+137 to 139 MHz, by seed.
 
 Each carry chain takes four cells beside its bits, so that few long ones are less than many short ones.
 """
