@@ -89,12 +89,6 @@ def calibrate(session: Path, output: Path, *options: str | Path) -> str:
     return _done("magtrak", "calibrate", "joint", session, "--output", output, *options)
 
 
-def calibrate_ports(session: Path, air: Path, rule: Path, output: Path) -> str:
-    """The panes from a session under water by its command; what it prints."""
-    options = ["--calibration", air, "--measured", rule, "--output", output]
-    return _done("magtrak", "calibrate", "ports", session, *options)
-
-
 def true_rig(scene: str = RIG) -> TrueRig:
     """What the tools shall find. The pictures of a session are exposed otherwise than those of a scan."""
     what = Scene.load(scene)
