@@ -40,7 +40,8 @@ class RowStore(wiring.Component):
     frame_first, accepted, into : strobe of each image's first pixel, whether its rows are to be kept, and in which
         bank; at most two images are between their first pixel and ``rows.frame_end``
     forms : of each bank, a ``RowForm``; of an image from the clock after its ``frame_first`` on, while it is there
-    rows, vision : results; ``vision`` as of ``rows.frame_end``, which comes when the last result is written
+    rows, vision : results; ``vision`` as of ``rows.frame_end``, which comes when the last result is written; what is
+        not written by then is left out, and ``lost`` is set
     filled, filled_bank : strobe: the rows of an accepted image are complete in this bank
     facts : of each bank, since ``filled``
     bank, index : word to read
@@ -102,13 +103,16 @@ class RowStore(wiring.Component):
         # The next row that is written, and the one of the last result, which comes after all before it.
         low = (self.max_rows - 1).bit_length()
         most = compact_rows(self.max_rows)
-        row, last = Signal(range(2 * most)), Signal(range(2 * most))
+        row = Signal(range(2 * most))
+        last = Signal(range(2 * most))
         kept = Signal(Row, reset_less=True)
-        due, bare = Signal(), Signal()  # there are rows to be written; nothing is kept of the last one
+        due = Signal()  # there are rows to be written
+        bare = Signal()  # nothing is kept of the last one
         hot = Signal(ROW_WORDS)  # the word of `kept` that is written
         room, reached, comes, fills = Signal(), Signal(), Signal(), Signal()
-        lost = Signal()
+        lost, unwritten = Signal(), Signal()
         m.d.comb += [
+            unwritten.eq(due | hot.any()),
             room.eq(~Mux(full, row[low:].any(), row[(most - 1).bit_length()])),
             reached.eq(row == last),
             comes.eq(due & ~hot.any() & reached & ~bare),
@@ -150,14 +154,14 @@ class RowStore(wiring.Component):
         m.d.sync += [self.filled.eq(finished & queue[0].accepted), self.filled_bank.eq(filling)]
 
         with m.If(finished):
-            m.d.sync += [row.eq(0), lost.eq(0), due.eq(0)]
+            m.d.sync += [row.eq(0), lost.eq(0), due.eq(0), hot.eq(0)]
             with m.If(queue[0].accepted):
                 for bank, facts in enumerate(self.facts):
                     with m.If(filling == bank):
                         m.d.sync += [
                             facts.vision.eq(self.vision),
                             facts.rows.eq(row),
-                            facts.lost.eq(lost | self.vision.errors.rows),
+                            facts.lost.eq(lost | unwritten | self.vision.errors.rows),
                         ]
 
         m.d.comb += [read.addr.eq(Cat(self.index, self.bank)), read.en.eq(1)]

@@ -69,7 +69,8 @@ class PacketSender(wiring.Component):
         m.submodules.crc = crc = Crc32(4)
 
         chosen = Signal(len(self.types))  # a bit each
-        sequence, carry = Signal(16), Signal(init=1)
+        sequence = Signal(16)
+        carry = Signal(init=1)
         number = Signal(range(CRC.size))  # of the byte within sequence number or CRC
         byte, valid = Signal(8), Signal()
         moved, in_crc = Signal(), Signal()

@@ -87,6 +87,7 @@ class Image:
         self.vision = any_facts(rng, VisionFacts)
         self.vision["errors"] |= {"rows": int(rows > self.limit), "_reserved": 0}
         self.edges = [any_record(rng, EDGE) for _ in range(16)]
+        self.lost = False  # not all rows could be written
 
     def payload(self, number, dropped, damaged=7, lost=9):
         """The definition of what is sent of it."""
@@ -103,7 +104,7 @@ class Image:
                 "motor_stopped": self.image["motor_stopped"],
                 "encoder_fault": self.motion["encoder_fault"],
                 "camera_fault": int(errors != 0),
-                "rows_lost": int(len(self.rows) > self.limit),
+                "rows_lost": int(self.lost or len(self.rows) > self.limit),
             }
         )
         header = {
@@ -145,11 +146,13 @@ def play(
     lost=9,
     delays=(20, 6),
     late=0,
+    pause=16,
     payload_of=Image.payload,
 ):
     """Send ``images`` through.
 
-    Results of odd rows come ``late`` clocks earlier than they should; rows that are None have none.
+    Results of odd rows come ``late`` clocks earlier than they should; rows that are None have none. Results of an image
+    end ``pause`` clocks after where one more would be.
 
     Gives the payloads that came out, what these had to be according to the images that they say they are, and the
     counters of images and of dropped ones. Stops after the last image when nothing came for ``after`` clocks. Results
@@ -173,7 +176,7 @@ def play(
             events[when] += [(dut.rows.row.valid, 1), (dut.rows.row.payload, {"row": row, "record": record})]
         events[end] += [(dut.frame_end, 1), (dut.image, image.image)]
         ends[end] = number
-        events[end + delays[0] + 16] += [(dut.rows.frame_end, 1), (dut.vision, image.vision)]
+        events[end + delays[0] + pause] += [(dut.rows.frame_end, 1), (dut.vision, image.vision)]
         at = end + gap
 
     async def drive(ctx):
@@ -319,6 +322,19 @@ def test_a_result_right_behind_another_one_is_kept_as_a_row_without_a_line(form)
     payloads, expected, *_ = play([image], late=33, payload_of=late)
     assert payloads == expected
     assert len(payloads) == 1
+
+
+def test_what_is_not_written_when_the_results_end_is_left_out_and_told():
+    def cut(image, *facts):
+        image.rows, image.lost = image.rows[:-1], True
+        return image.payload(*facts)
+
+    images = [Image(random.Random(7), rows, RowForm.FULL) for rows in (6, 7)]
+    for image in images:
+        image.image["phase"] = Phase.MEASURED
+    payloads, expected, *_ = play(images, gap=2000, pause=0, payload_of=cut)
+    assert payloads == expected
+    assert [FRAME.unpack(payload[: FRAME.size])["rows"] for payload in payloads] == [5, 6]
 
 
 def test_a_size_that_is_no_power_of_two_is_refused():

@@ -29,7 +29,7 @@ class Opened(Elaboratable):
 
     Parameters
     ----------
-    component : elaborated at once; its ports are used as ever
+    component : elaborated at once; its ports, and all else that it has, are used as ever
 
     Raises
     ------
@@ -38,6 +38,7 @@ class Opened(Elaboratable):
     """
 
     def __init__(self, component: wiring.Component) -> None:
+        self._component = component
         self._fragment = Fragment.get(component, None)
         statements = [one for domain in self._fragment.statements.values() for one in domain]
         self._driven = SignalSet(signal for statement in statements for signal in statement._lhs_signals())
@@ -47,6 +48,9 @@ class Opened(Elaboratable):
         if len(found) != 1:
             raise KeyError(f"{name} is the name of {len(found)} signals")
         return found[0]
+
+    def __getattr__(self, name: str):
+        return getattr(self._component, name)
 
     def elaborate(self, platform):
         return self._fragment
