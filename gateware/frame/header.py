@@ -95,7 +95,8 @@ class HeaderStore(wiring.Component):
         else:
             m.d.comb += self.word.eq(read.data)
 
-        started, starting = Signal(), Signal()  # settings are to be written, into this bank
+        started = Signal()  # settings are to be written
+        starting = Signal()  # into this bank
         with m.If(self.begin):
             m.d.sync += [started.eq(1), starting.eq(self.into)]
 
@@ -125,7 +126,8 @@ class HeaderStore(wiring.Component):
                 m.d.sync += sampled
 
         # Banks whose motion is to come, the oldest lowest.
-        queue, waiting = Signal(2), Signal(range(3))
+        queue = Signal(2)
+        waiting = Signal(range(3))
         rest, left = Signal(2), Signal(range(3))
         m.d.comb += [rest.eq(Mux(self.taken, queue >> 1, queue)), left.eq(waiting - self.taken)]
         m.d.sync += [queue.eq(rest), waiting.eq(left + self.take)]
@@ -174,7 +176,8 @@ class HeaderStore(wiring.Component):
         values |= {name: self.start[name] for name in ("exposure_us", "time_offset_ns")} | {"frame": self.number}
         words = Cat(_packed(FRAME, values), self.edge)
         hot = Signal(HEADER_WORDS + EDGE_WORDS)  # the word to be written, at this address
-        at, wanted = Signal(range(2 * WORDS)), Signal()
+        at = Signal(range(2 * WORDS))
+        wanted = Signal()
 
         # One pass goes through all words of the header, and writes those that are known at the beginning or the others.
         step = Signal(range(EDGE_WORDS * MAX_EDGES))  # word of header or log
