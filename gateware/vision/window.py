@@ -301,6 +301,4 @@ def _word_sums(m: Module, values: list) -> tuple:
     # Number n = n0 + 2 * n1 + 4 * n2: bit 0 is set in the odd ones, bit 1 in pairs 1 and 3, bit 2 in pairs 2 and 3.
     fourths = [(pairs[0], pairs[1]), (pairs[2], pairs[3]), (odd[0], odd[1]), (pairs[1], pairs[3])]
     *total, ones, twos = (held(value, f"fourth{at}") for at, value in enumerate(sums(m, fourths, 9, "fourths")))
-    low = held(ones + (twos << 1), "low")
-    fours = held(total[1], "fours")
-    return held(total[0] + total[1], "word_total"), low + (fours << 2)
+    return held(total[0] + total[1], "word_total"), held(ones + (twos << 1) + (total[1] << 2), "word_moment")
