@@ -2,7 +2,7 @@
 
 from amaranth.hdl import C, Cat, ClockSignal, Const, Instance, Module, Signal, Value
 
-from gateware.arithmetic import Multiply
+from gateware.arithmetic import AddSubtract, Multiply
 from gateware.memory import BlockRam, BlockRom
 
 _ADDRESS_BITS = 14
@@ -38,6 +38,37 @@ class Ecp5:
             **pins,
         )
         m.d.comb += multiply.product.eq(Cat(product))
+        return m
+
+    def get_add_subtract(self, add_subtract: AddSubtract) -> Module:
+        """CCU2Cs whose LUTs invert ``b`` as well as adding it, for which Yosys spends a LUT for each bit. A bit below
+        the lowest makes the carry that a subtraction begins with.
+        """
+        m = Module()
+        bits = len(add_subtract.o)
+        # Each is a propagate of A ^ B ^ C, and A is the carry where that is 0. The first one never propagates.
+        a, b = Cat(add_subtract.subtract, add_subtract.a), Cat(C(0, 1), add_subtract.b)
+        carry = None
+        for at in range(0, bits + 1, 2):
+            sums = Signal(2, name=f"sum{at}")
+            pins = {} if carry is None else {"i_CIN": carry}
+            carry = Signal(name=f"carry{at}")
+            for n in range(2):
+                there = at + n <= bits
+                pins |= {f"i_A{n}": a[at + n] if there else 0, f"i_B{n}": b[at + n] if there else 0}
+                pins |= {f"i_C{n}": add_subtract.subtract if there else 0, f"i_D{n}": 1, f"o_S{n}": sums[n]}
+            m.submodules[f"carries{at}"] = Instance(
+                "CCU2C",
+                p_INIT0=Const(0x96AA if at else 0x000A, 16),
+                p_INIT1=Const(0x96AA, 16),
+                p_INJECT1_0="NO",
+                p_INJECT1_1="NO",
+                o_COUT=carry,
+                **pins,
+            )
+            for n in range(2):
+                if 1 <= at + n <= bits:
+                    m.d.comb += add_subtract.o[at + n - 1].eq(sums[n])
         return m
 
     def get_block_ram(self, ram: BlockRam) -> Module:

@@ -66,8 +66,10 @@ is read while it is written (`gateware.memory.BlockRam`); each user says why tha
 
 A block RAM of an ECP5 without its own output register takes 5.83 ns from the clock to its output. Yosys does not use
 that register, so the ECP5 boards' platform places the RAM itself (`boards/ecp5.py`; compared by
-`tests/gateware/test_memory_ecp5.py`). What limits the clock of `Vision` now is the divider for the runner-up in `Peak`:
-137 to 139 MHz, by seed.
+`tests/gateware/test_memory_ecp5.py`). `Vision` reaches 151 MHz, seed 1 (136 before),
+limited by the moment of `Window`, which since then has one row of carries less. Dividers are short because they do not
+restore: the sign of what is left decides whether the next step adds or subtracts, in the LUTs of the carries
+themselves (`gateware.arithmetic.AddSubtract`). Rows of the table above are from before.
 
 Each carry chain takes four cells beside its bits, so that few long ones are less than many short ones.
 """

@@ -115,8 +115,40 @@ class Multiply(wiring.Component):
         return m
 
 
+class AddSubtract(wiring.Component):
+    """``a + b`` or ``a - b`` in one row of carries.
+
+    Synthesis would put a row of LUTs in front of it. Where the FPGA's carries can do it all, a board's platform has the
+    method ``get_add_subtract(add_subtract)``, which returns what takes this component's place.
+
+    Parameters
+    ----------
+    bits : of each number
+
+    Members
+    -------
+    a, b : numbers
+    subtract : ``b`` is subtracted
+    o : the result, modulo ``1 << bits``
+    """
+
+    def __init__(self, bits: int) -> None:
+        super().__init__({"a": In(bits), "b": In(bits), "subtract": In(1), "o": Out(bits)})
+
+    def elaborate(self, platform):
+        if hasattr(platform, "get_add_subtract"):
+            return platform.get_add_subtract(self)
+        m = Module()
+        inverted = self.b ^ self.subtract.replicate(len(self.b))
+        m.d.comb += self.o.eq((Cat(self.subtract, self.a) + Cat(self.subtract, inverted))[1:])
+        return m
+
+
 class SerialDivider(wiring.Component):
-    """An unsigned quotient now and then: restoring division, one or two bits of the quotient a clock.
+    """An unsigned quotient now and then, one or two bits of it a clock.
+
+    One bit a clock is by non-restoring division: what is left may be negative, and then the divisor is added and not
+    subtracted. It is what a restoring division would try, so the bits are the same; but nothing waits for the sign.
 
     Parameters
     ----------
@@ -169,18 +201,22 @@ class SerialDivider(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        rest = Signal(self.divisor_bits, reset_less=True)
+        signed_bits = self.divisor_bits + 2 - self.bits_per_clock
+        rest = Signal(signed_bits, reset_less=True)
         divisor = Signal(self.divisor_bits, reset_less=True)
         bits = Signal(self._digits * self.bits_per_clock)  # with one more, 0, if odd
         left = Signal(self._digits)  # a one that is shifted out with the last digit
+        busy = Signal()
         if self.bits_per_clock == 1:
-            reduced, digit = _divide_bit(m, rest, bits[-1], divisor, "step")
+            m.submodules.step = step = AddSubtract(signed_bits)
+            m.d.comb += [step.a.eq(Cat(bits[-1], rest)), step.b.eq(divisor), step.subtract.eq(~rest[-1])]
+            reduced, digit = step.o, ~step.o[-1]
         else:
             triple = Signal(self.divisor_bits + 2, reset_less=True)
             with m.If(self.start):
                 m.d.sync += triple.eq(_triple(self.divisor))
             reduced, digit = _divide_two_bits(m, rest, bits[-2:], divisor, triple, "step")
-        m.d.comb += [self.busy.eq(left.any()), self.quotient.eq(bits)]
+        m.d.comb += [self.busy.eq(busy), self.quotient.eq(bits)]
         m.d.sync += self.done.eq(0)
         with m.If(self.start):
             # The dividend's low bits leave at the top while the quotient's enter at the bottom.
@@ -188,12 +224,14 @@ class SerialDivider(wiring.Component):
                 Cat(bits, rest).eq(self.dividend),
                 divisor.eq(self.divisor),
                 left.eq(1),
+                busy.eq(1),
             ]
-        with m.Elif(self.busy):
+        with m.Elif(busy):
             m.d.sync += [
                 bits.eq(Cat(digit, bits)),
                 rest.eq(reduced),
                 left.eq(left << 1),
+                busy.eq(~left[-1]),
                 self.done.eq(left[-1]),
             ]
         return m
@@ -203,17 +241,11 @@ def _triple(divisor):
     return divisor + (divisor << 1)
 
 
-def _divide_bit(m: Module, rest, next_bit, divisor, name: str):
-    """Rest and quotient bit after one more bit of the dividend; ``rest < divisor`` before and after."""
-    trial = Signal(unsigned(len(divisor) + 1), name=f"trial_{name}")
-    difference = Signal(signed(len(divisor) + 2), name=f"difference_{name}")
-    bit = Signal(name=f"bit_{name}")
-    m.d.comb += [trial.eq(Cat(next_bit, rest)), difference.eq(trial - divisor), bit.eq(~difference[-1])]
-    return Mux(bit, difference[: len(divisor)], trial[: len(divisor)]), bit
-
-
 def _divide_two_bits(m: Module, rest, next_bits, divisor, triple, name: str):
-    """As :func:`_divide_bit` for two bits: three differences side by side, of which the least that fits is the rest."""
+    """Rest and two bits of the quotient after two more of the dividend; ``rest < divisor`` before and after.
+
+    Three differences side by side, of which the least that fits is the rest.
+    """
     width = len(divisor)
     trial = Signal(unsigned(width + 2), name=f"trial_{name}")
     m.d.comb += trial.eq(Cat(next_bits, rest))

@@ -48,12 +48,13 @@ class Monitor(wiring.Component):
     - a frame that did not end when the next one starts is ended.
 
     Until the first ``frame_first`` after reset everything is ignored: a card may be switched on in the middle of an
-    image. Latency one clock.
+    image.
 
     Parameters
     ----------
     max_columns : 16 to 2048
     max_rows : 1 to 2048
+    fast : a stage of registers before it and one before the errors, for a clock above 100 MHz
 
     Members
     -------
@@ -62,8 +63,9 @@ class Monitor(wiring.Component):
     frame_end : strobe, see above
     frame_gap : strobe, with the first pixel of a frame that came too early: settings may have changed while the
         frame before was still being measured
-    errors : of the last frame that ended, from 1 clock after ``frame_end`` until the next
-    rows, columns : of that frame; rows counts those that went out, columns is the length of the first of them
+    errors : of the last frame that ended, from 1 clock after ``frame_end`` (2 if ``fast``) until the next
+    rows, columns : of that frame, from 1 clock after ``frame_end`` on; rows counts those that went out, columns is the
+        length of the first of them
     errors_ever : every error since reset
 
     Raises
@@ -72,13 +74,14 @@ class Monitor(wiring.Component):
         A limit is out of range.
     """
 
-    def __init__(self, max_columns: int = 2048, max_rows: int = 2048) -> None:
+    def __init__(self, max_columns: int = 2048, max_rows: int = 2048, *, fast: bool = False) -> None:
         if not 16 <= max_columns <= 2048:
             raise ValueError(f"max_columns is {max_columns}; 16 to 2048 are possible")
         if not 1 <= max_rows <= 2048:
             raise ValueError(f"max_rows is {max_rows}; 1 to 2048 are possible")
         self.max_columns = max_columns
         self.max_rows = max_rows
+        self.fast = fast
         super().__init__(
             {
                 "video": In(Video()),
@@ -92,12 +95,25 @@ class Monitor(wiring.Component):
             }
         )
 
-    latency = 1
-    """Clocks from ``video`` to ``pixel``."""
+    @property
+    def latency(self) -> int:
+        """Clocks from ``video`` to ``pixel``."""
+        return 2 if self.fast else 1
 
     def elaborate(self, platform):
         m = Module()
-        i, valid = self.video.pixel.p, self.video.pixel.valid
+        held = self._register if self.fast else self._wire
+        video, came = self.video.pixel.p, self.video.pixel.valid
+        i = held(m, video, "pixel")
+        valid = held(m, came, "valid")
+        frame_end = held(m, self.video.frame_end, "frame_end")
+        first = held(m, came & video.row_first, "first")
+        begin = held(m, came & video.row_first & video.frame_first, "begin")
+        follows = held(m, came & ~video.row_first, "follows")
+        # A row that is going out is cut off, moves on, or ends, whatever is left of it.
+        cuts = held(m, (came & video.row_first) | (self.video.frame_end & ~came), "cuts")
+        moves = held(m, came | self.video.frame_end, "moves")
+        stops = held(m, video.row_last | self.video.frame_end, "stops")
         in_frame = Signal()
         seen = Signal()  # a frame has begun since reset
         in_row = Signal()  # the camera is within a row
@@ -108,12 +124,10 @@ class Monitor(wiring.Component):
         row_count = Signal(12)
         columns = Signal(12, name="columns_out")
 
-        first, begin = Signal(), Signal()
-        m.d.comb += [first.eq(valid & i.row_first), begin.eq(first & i.frame_first)]
         end = Signal()  # the frame ends, by itself or because the next one begins
-        m.d.comb += end.eq(in_frame & (self.video.frame_end | begin))
-        belongs = Signal()
-        m.d.comb += belongs.eq(valid & (i.row_first | in_row) & (begin | in_frame))
+        m.d.comb += end.eq(in_frame & (frame_end | begin))
+        opens, belongs = Signal(), Signal()
+        m.d.comb += [opens.eq(begin | (first & in_frame)), belongs.eq(opens | (follows & in_row))]
 
         close_frame = self._within(m, MIN_FRAME_GAP, valid & seen, "gap")
 
@@ -123,14 +137,20 @@ class Monitor(wiring.Component):
         start = Signal()  # a row goes out from this pixel on
         black = Signal()  # a row has to be ended with a pixel that there is not
         full = Signal()  # the frame has all the rows that it may have
-        flushing = self._within(m, MIN_BLANKING, out_last, "flush")
+        # A row is going out, or was so lately: as a register, of the time from where the last one ended.
+        blocked = Signal()
+        flush_left = Signal(range(MIN_BLANKING))
+        m.d.sync += blocked.eq(start | sending | o.row_last | (flush_left > 1))
+        with m.If(o.row_last):
+            m.d.sync += flush_left.eq(MIN_BLANKING - 2)
+        with m.Elif(flush_left != 0):
+            m.d.sync += flush_left.eq(flush_left - 1)
         # A row that comes too early waits for the period of the one before, while its own has begun.
         period_left = Signal(range(MIN_ROW_PERIOD))
         wait_left = Signal(range(MIN_ROW_PERIOD))
         in_period = Signal()  # period_left != 0, ahead of time
         waits = Signal()  # wait_left != 0, ahead of time
-        early = Mux(i.row_first, in_period, waits)
-        with m.If(belongs & i.row_first):
+        with m.If(opens):
             m.d.sync += [
                 period_left.eq(MIN_ROW_PERIOD - 1),
                 in_period.eq(1),
@@ -144,17 +164,26 @@ class Monitor(wiring.Component):
                 m.d.sync += [wait_left.eq(wait_left - 1), waits.eq(wait_left != 1)]
         # Known a clock later than it could be: no row can end and another start in between.
         reached = Signal()
-        m.d.sync += reached.eq(row_count == self.max_rows)
+        room = Signal()  # within a frame that has not reached it
+        m.d.sync += [
+            reached.eq(row_count == self.max_rows),
+            room.eq((begin | (in_frame & ~frame_end)) & (row_count != self.max_rows)),
+        ]
         m.d.comb += [
             full.eq(~begin & reached),
-            start.eq(belongs & (i.row_first | late) & ~sending & ~flushing & ~early & ~full),
-            black.eq(sending & (first | (self.video.frame_end & ~valid))),
-            out_valid.eq(start | black | (sending & valid)),
+            start.eq((((begin | (first & room)) & ~in_period) | (follows & in_row & late & ~waits & room)) & ~blocked),
+            black.eq(sending & cuts),
+            out_valid.eq(start | (sending & moves)),
         ]
         limit = Signal()  # no more columns than up to this pixel
+        finishes = Signal()  # the row that is going out ends
+        nearly = Signal()  # one more is the limit
+        with m.If(out_valid):
+            m.d.sync += nearly.eq(~start & (columns == self.max_columns - 2))
         m.d.comb += [
-            limit.eq(~start & (columns == self.max_columns - 1)),
-            out_last.eq(out_valid & (black | i.row_last | limit | self.video.frame_end)),
+            limit.eq(~start & nearly),
+            finishes.eq(sending & moves & (cuts | nearly | stops)),
+            out_last.eq((start & stops) | finishes),
             fault.eq(black | late | (lost & ~begin) | (~i.row_last & out_last)),
         ]
         m.d.sync += [
@@ -172,25 +201,26 @@ class Monitor(wiring.Component):
 
         # The camera's state.
         with m.If(valid):
-            m.d.sync += in_row.eq(belongs & ~i.row_last & ~self.video.frame_end)
-        with m.Elif(self.video.frame_end):
+            m.d.sync += in_row.eq(belongs & ~stops)
+        with m.Elif(frame_end):
             m.d.sync += in_row.eq(0)
         over = Signal()  # the camera's row is over
-        m.d.comb += over.eq(belongs & (i.row_last | self.video.frame_end))
+        m.d.comb += over.eq(belongs & stops)
+        m.d.sync += sending.eq(Mux(start, ~stops, sending & ~finishes))
         with m.If(out_valid):
-            m.d.sync += [sending.eq(~out_last), columns.eq(Mux(start, 1, columns + 1))]
-        with m.If(belongs & i.row_first):
+            m.d.sync += columns.eq(Mux(start, 1, columns + 1))
+        with m.If(opens):
             m.d.sync += late.eq(~start & ~full)
         with m.Elif(start):
             m.d.sync += late.eq(0)
-        with m.If(over | self.video.frame_end):
+        with m.If(over | frame_end):
             m.d.sync += late.eq(0)
         with m.If(begin):
             m.d.sync += [in_frame.eq(1), seen.eq(1), lost.eq(0), fresh.eq(~start), row_count.eq(start)]
         with m.Else():
             with m.If(start):
                 m.d.sync += [fresh.eq(0), row_count.eq(row_count + 1)]
-            with m.If(self.video.frame_end):
+            with m.If(frame_end):
                 m.d.sync += in_frame.eq(0)
         with m.If(over & ~start & ((late & ~i.row_first) | (i.row_first & ~full))):
             m.d.sync += lost.eq(1)
@@ -210,42 +240,60 @@ class Monitor(wiring.Component):
             found.row_period.eq(first & seen & close_start),
             found.frame_gap.eq(begin & close_frame),
             found.columns.eq(out_valid & limit & ~i.row_last & ~black),
-            found.rows.eq(belongs & i.row_first & full),
+            found.rows.eq(opens & full),
             found.framing.eq(
                 (valid & i.frame_first & ~i.row_first & seen)
                 | (first & in_row)
                 | (valid & seen & ~begin & ~belongs)
-                | (self.video.frame_end & ~in_frame & ~begin & seen)
-                | (self.video.frame_end & ((in_row & ~valid) | (valid & belongs & ~i.row_last)))
+                | (frame_end & ~in_frame & ~begin & seen)
+                | (frame_end & ((in_row & ~valid) | (valid & belongs & ~i.row_last)))
             ),
         ]
         ended, begun = Signal(), Signal()
         m.d.sync += [ended.eq(end), begun.eq(begin)]
         bad_length = Signal()
         m.d.comb += bad_length.eq(row_over & measured & ~begun & (length != expected))
-        now = Signal(CameraErrors)
-        m.d.comb += [now.eq(found), now.row_length.eq(bad_length)]
-        so_far = Signal(CameraErrors)
-        rows_before = Signal(12)
-        m.d.sync += rows_before.eq(row_count)
-        m.d.sync += so_far.eq(so_far.as_value() | now.as_value())
         with m.If(row_over & (~measured | begun)):
             m.d.sync += [measured.eq(1), expected.eq(length)]
         with m.If(begun & ~row_over):
             m.d.sync += measured.eq(0)
-        # A frame that the next one cut off lacks its end; the rest of what was found then is the new frame's.
-        cut_off = Signal(CameraErrors)
-        m.d.comb += cut_off.framing.eq(ended & begun)
-        m.d.sync += self.errors_ever.eq(self.errors_ever.as_value() | now.as_value() | cut_off.as_value())
+        rows_before = Signal(12)
+        m.d.sync += rows_before.eq(row_count)
         with m.If(ended):
             m.d.sync += [self.rows.eq(Mux(begun, rows_before, row_count)), self.columns.eq(Mux(measured, expected, 0))]
-            with m.If(begun):
-                m.d.sync += [self.errors.eq(so_far.as_value() | cut_off.as_value()), so_far.eq(now)]
-            with m.Else():
-                m.d.sync += [self.errors.eq(so_far.as_value() | now.as_value()), so_far.eq(0), measured.eq(0)]
+            with m.If(~begun):
+                m.d.sync += measured.eq(0)
                 with m.If(row_over & ~measured):
                     m.d.sync += self.columns.eq(length)
+
+        now = Signal(CameraErrors)
+        m.d.comb += now.eq(held(m, found, "found"))
+        m.d.comb += now.row_length.eq(held(m, bad_length, "bad_length"))
+        told, told_begun = held(m, ended, "told"), held(m, begun, "told_begun")
+        so_far = Signal(CameraErrors)
+        m.d.sync += so_far.eq(so_far.as_value() | now.as_value())
+        # A frame that the next one cut off lacks its end; the rest of what was found then is the new frame's.
+        cut_off = Signal(CameraErrors)
+        m.d.comb += cut_off.framing.eq(told & told_begun)
+        m.d.sync += self.errors_ever.eq(self.errors_ever.as_value() | now.as_value() | cut_off.as_value())
+        with m.If(told):
+            with m.If(told_begun):
+                m.d.sync += [self.errors.eq(so_far.as_value() | cut_off.as_value()), so_far.eq(now)]
+            with m.Else():
+                m.d.sync += [self.errors.eq(so_far.as_value() | now.as_value()), so_far.eq(0)]
         return m
+
+    @staticmethod
+    def _register(m: Module, value, name: str):
+        register = Signal(value.shape(), name=f"{name}_held")
+        m.d.sync += register.eq(value)
+        return register
+
+    @staticmethod
+    def _wire(m: Module, value, name: str):
+        wire = Signal(value.shape(), name=f"{name}_here")
+        m.d.comb += wire.eq(value)
+        return wire
 
     @staticmethod
     def _within(m: Module, clocks: int, event, name: str):

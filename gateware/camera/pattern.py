@@ -1,7 +1,7 @@
 """A test picture: brings a board up before it has a camera."""
 
 import numpy as np
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -53,51 +53,69 @@ class Pattern(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        column = Signal(range(self.columns + _BLANK_COLUMNS))
+        width = self.columns + _BLANK_COLUMNS
+        column = Signal(range(width))
         row = Signal(range(self.rows + 1))
-        start = Signal(range(self.columns))  # of the line, in this image
-        centre = Signal(range(self.columns))
+        start, next_start = Signal(range(self.columns)), Signal(range(self.columns))  # of the line, in this image
+        centre, next_centre = Signal(range(self.columns)), Signal(range(self.columns))
         going = Signal()
 
         def following(place):
             return Mux(place == self.columns - 1, 0, place + 1)
 
-        due = Signal(init=1)
+        # It is due when the clocks that are left fall below 0.
+        due = Signal()
         begins = ~going & self.run & due
         if self.period > 1:
-            left = Signal(range(self.period - 1))
+            left = Signal(range(-self.period, self.period), init=-1)
             with m.If(begins):
-                m.d.sync += [left.eq(self.period - 2), due.eq(0)]
-            with m.Elif(left != 0):
+                m.d.sync += left.eq(self.period - 2)
+            with m.Elif(~left[-1]):
                 m.d.sync += left.eq(left - 1)
-            with m.Else():
-                m.d.sync += due.eq(1)
+            m.d.comb += due.eq(left[-1])
+        else:
+            m.d.comb += due.eq(1)
 
+        # What a row ends with is known a clock before, what an image ends with for longer.
+        row_ends, blank = Signal(), Signal()
+        m.d.sync += [
+            row_ends.eq(going & (column == width - 2)),
+            blank.eq(row == self.rows),
+            next_start.eq(following(start)),
+            next_centre.eq(following(centre)),
+        ]
         with m.If(~going):
             m.d.sync += [going.eq(begins), centre.eq(start)]
-        with m.Elif(column != self.columns + _BLANK_COLUMNS - 1):
-            m.d.sync += column.eq(column + 1)
+        with m.Elif(row_ends):
+            m.d.sync += [column.eq(0), row.eq(row + 1), centre.eq(next_centre)]
+            with m.If(blank):
+                m.d.sync += [row.eq(0), start.eq(next_start), going.eq(0)]
         with m.Else():
-            m.d.sync += [column.eq(0), row.eq(row + 1), centre.eq(following(centre))]
-            with m.If(row == self.rows):
-                m.d.sync += [row.eq(0), start.eq(following(start)), going.eq(0)]
+            m.d.sync += column.eq(column + 1)
 
-        distance = Signal(range(self.columns))
-        places = Signal(4)
+        # 1: where it is; 2: what that means. A row's number has been known for long where its first column is 0.
+        in_columns, first, last, ends = Signal(), Signal(), Signal(), Signal()
+        in_row, in_blank, in_first = Signal(), Signal(), Signal()
+        beyond = Signal(range(-self.columns, width))  # the line
+        near, low = Signal(), Signal(3)
         placed = Signal(4)
-        green = Signal(8)
-        pixel = self.video.pixel.payload
-        in_row = going & (row != self.rows)
-        m.d.comb += [
-            places[0].eq(in_row & (column < self.columns)),
-            places[1].eq(in_row & (column == 0)),
-            places[2].eq(in_row & (column == self.columns - 1)),
-            places[3].eq(in_row & (column == 0) & (row == 0)),
-            green.eq(Mux(distance < 8, 255 - _SLOPE * distance[:3], 0)),  # 255 - 32 * 7 = 31
-        ]
         m.d.sync += [
-            placed.eq(places),
-            distance.eq(Mux(column > centre, column - centre, centre - column)),
+            in_columns.eq(column < self.columns),
+            first.eq(column == 0),
+            last.eq(column == self.columns - 1),
+            ends.eq(column == _BLANK_COLUMNS - 1),
+            in_row.eq(going & (row != self.rows)),
+            in_blank.eq(going & (row == self.rows)),
+            in_first.eq(row == 0),
+            beyond.eq(column - centre),
+            placed.eq(Cat(in_row & in_columns, in_row & first, in_row & last, in_row & first & in_first)),
+            near.eq(Mux(beyond[-1], beyond[3:].all() & beyond[:3].any(), ~beyond[3:].any())),
+            low.eq(Mux(beyond[-1], -beyond[:3], beyond[:3])),
+        ]
+        # 3: the pixel.
+        pixel = self.video.pixel.payload
+        green = Mux(near, 255 - _SLOPE * low, 0)  # 255 - 32 * 7 = 31
+        m.d.sync += [
             self.video.pixel.valid.eq(placed[0]),
             pixel.row_first.eq(placed[1]),
             pixel.row_last.eq(placed[2]),
@@ -105,6 +123,6 @@ class Pattern(wiring.Component):
             pixel.r.eq(green >> 2),
             pixel.g.eq(green),
             pixel.b.eq(green >> 2),
-            self.video.frame_end.eq(going & (row == self.rows) & (column == _BLANK_COLUMNS - 1)),
+            self.video.frame_end.eq(in_blank & ends),
         ]
         return m

@@ -71,7 +71,7 @@ class Snapshot(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         # A slot that is being written may be read too, but nothing comes of that: it waits to be complete.
-        m.submodules.memory = memory = BlockRam(8 * _WORD_BYTES, SLOTS * SLOT_WORDS)
+        m.submodules.memory = memory = BlockRam(8 * _WORD_BYTES, SLOTS * SLOT_WORDS, registered=True)
         stored, sent = Signal(), Signal()
         filled = Signal(range(SLOTS + 1))
         free = Signal()  # a clock late: between two pieces there are more
@@ -102,7 +102,9 @@ class Snapshot(wiring.Component):
             m.d.comb += [coming[name].eq(measured.p[name]) for name, _ in place]
         pixel, pixel_colour, valid = Signal(place), Signal(8 * _WORD_BYTES), Signal()
         at_row, at_column, fault = Signal(12), Signal(12), Signal()  # the row broke the contract so far
-        m.d.sync += [valid.eq(comes), pixel.eq(coming), pixel_colour.eq(colour)]
+        came, came_pixel, came_colour = Signal(), Signal(place), Signal(8 * _WORD_BYTES)  # a clock before
+        m.d.sync += [came.eq(comes), came_pixel.eq(coming), came_colour.eq(colour)]
+        m.d.sync += [valid.eq(came), pixel.eq(came_pixel), pixel_colour.eq(came_colour)]
         with m.If(valid):
             m.d.sync += fault.eq(pixel.fault | (fault & ~pixel.row_first))
         with m.If(comes):
@@ -111,27 +113,39 @@ class Snapshot(wiring.Component):
                 m.d.sync += at_row.eq(Mux(coming.frame_first, 0, at_row + 1))
 
         # Places are known from the first image on that begins after the source was chosen.
-        begins, settled, seen = Signal(), Signal(), Signal()
+        begins, settled, seen = Signal(), Signal(2), Signal()
         frame, generation = Signal(32), Signal(16)
-        m.d.comb += begins.eq(valid & pixel.frame_first & settled)
-        m.d.sync += settled.eq(~started)
+        m.d.comb += begins.eq(valid & pixel.frame_first & settled.all())
+        m.d.sync += settled.eq(Cat(~started, settled))
         with m.If(begins):
             m.d.sync += [frame.eq(self.frame), generation.eq(self.generation), seen.eq(1)]
 
         # The piece in question: a row of a strip.
         slot, count = Signal(range(SLOTS)), Signal(7)
         row, strip, column = Signal(12), Signal(12), Signal(12)  # row, first column and next column
+        following = Signal(12)  # the one after that
         next_strip = Signal(12)
         finishing = Signal()
         ended = Signal()  # no strip follows; also as long as this one has no row
-        due, came = Signal(), Signal()  # the row was to come in this image; it did
+        due, there = Signal(), Signal()  # the row was to come in this image; it did
         over = Signal()  # the image has no such row
         narrow = Signal()  # the strip has not come in this row, all of which was seen
         in_row, hit, border = Signal(), Signal(), Signal()
+        # Places are compared a clock ahead, columns with both of what may be next by then. Rows and strips change at
+        # least a clock before a pixel is waited for.
+        takes, taken = Signal(), Signal()
+        of_row, at_next, at_following, at_border = Signal(), Signal(), Signal(), Signal()
+        m.d.sync += [
+            of_row.eq(came & (at_row == row)),
+            at_next.eq(at_column == column),
+            at_following.eq(at_column == following),
+            at_border.eq(came_pixel.row_last | (at_column == column_last)),
+            taken.eq(takes),
+        ]
         m.d.comb += [
-            in_row.eq(valid & (seen | begins) & (at_row == row)),
-            hit.eq(in_row & (at_column == column)),
-            border.eq(pixel.row_last | (at_column == column_last)),
+            in_row.eq(of_row & (seen | begins)),
+            hit.eq(in_row & Mux(taken, at_following, at_next)),
+            border.eq(at_border),
         ]
 
         header = Signal(struct(SNAPSHOT))
@@ -140,7 +154,6 @@ class Snapshot(wiring.Component):
             *(("row", row), ("column", strip), ("step", step), ("flags", fault & ~finishing), ("pixels", count)),
         ):
             m.d.comb += header[name].eq(value)
-        takes = Signal()
         m.d.comb += takes.eq(hit & ((state == _State.TAKE) | ((state == _State.WANT) & free)))
         heads, plain = Signal(_HEADER_WORDS), Signal(init=1)  # the word of the header that is written; none is
         heading = heads.any()
@@ -154,9 +167,15 @@ class Snapshot(wiring.Component):
 
         with m.Switch(state):
             with m.Case(_State.CHECK):
-                m.d.sync += [column.eq(strip), count.eq(0), came.eq(0), over.eq(0), state.eq(_State.WANT)]
+                m.d.sync += [following.eq(strip + step), count.eq(0), there.eq(0), over.eq(0), state.eq(_State.WANT)]
                 with m.If(over | (row > row_last)):
-                    m.d.sync += [strip.eq(next_strip), row.eq(row_first), ended.eq(1), state.eq(_State.CHECK)]
+                    m.d.sync += [
+                        strip.eq(next_strip),
+                        column.eq(next_strip),
+                        row.eq(row_first),
+                        ended.eq(1),
+                        state.eq(_State.CHECK),
+                    ]
                     with m.If(ended):
                         m.d.sync += state.eq(_State.FINISH)
                 with m.Elif(strip > column_last):
@@ -164,11 +183,11 @@ class Snapshot(wiring.Component):
 
             with m.Case(_State.WANT):
                 with m.If(begins):
-                    m.d.sync += [due.eq(1), came.eq(in_row)]
-                    with m.If(due & ~came):
+                    m.d.sync += [due.eq(1), there.eq(in_row)]
+                    with m.If(due & ~there):
                         m.d.sync += [over.eq(1), state.eq(_State.CHECK)]
                 with m.Elif(in_row):
-                    m.d.sync += came.eq(1)
+                    m.d.sync += there.eq(1)
                 with m.If(takes):
                     m.d.sync += state.eq(_State.TAKE)
                 with m.Elif(in_row & pixel.row_last & narrow & ~hit & ~pixel.fault & ~fault):
@@ -184,7 +203,7 @@ class Snapshot(wiring.Component):
                 m.d.sync += [heads[0].eq(plain), plain.eq(heads[-1])]
                 with m.If(heads[-1]):
                     m.d.comb += stored.eq(1)
-                    m.d.sync += [slot.eq(slot + 1), row.eq(row + step), state.eq(_State.CHECK)]
+                    m.d.sync += [slot.eq(slot + 1), row.eq(row + step), column.eq(strip), state.eq(_State.CHECK)]
                     with m.If(finishing):
                         m.d.sync += state.eq(_State.IDLE)
 
@@ -195,10 +214,10 @@ class Snapshot(wiring.Component):
         with m.Elif(hit):
             m.d.sync += narrow.eq(0)
         with m.If(takes):
-            m.d.sync += [count.eq(count + 1), column.eq(column + step)]
+            m.d.sync += [count.eq(count + 1), column.eq(following), following.eq(following + step)]
         with m.If(takes | ((state == _State.TAKE) & in_row)):
             with m.If(border | (takes & (count == SNAPSHOT_PIXELS - 1))):
-                m.d.sync += [ended.eq(border), next_strip.eq(column + step), due.eq(1), state.eq(_State.HEADER)]
+                m.d.sync += [ended.eq(border), next_strip.eq(following), due.eq(1), state.eq(_State.HEADER)]
 
         with m.If(started):
             m.d.sync += [
@@ -216,7 +235,7 @@ class Snapshot(wiring.Component):
     def _send(self, m, read, ready, sent):
         """Slots into payloads; ``sent``: one is free again."""
         slot, index = Signal(range(SLOTS)), Signal(range(SLOT_WORDS))
-        fetched = Signal(8 * _WORD_BYTES)
+        fetched = read.data
         hot = Signal(_WORD_BYTES)  # the byte of it that is next
         only = Signal()  # the first one counts
         pixels = Signal(7)  # from the header's last word on: to come, with this one
@@ -230,7 +249,6 @@ class Snapshot(wiring.Component):
             self.o.payload.data.eq(one_of([fetched.word_select(n, 8) for n in range(_WORD_BYTES)], hot)),
             self.o.payload.last.eq(ends & (hot[-1] | only)),
         ]
-        m.d.sync += fetched.eq(read.data)
         with m.FSM():
             with m.State("Wait"):
                 m.d.sync += index.eq(_HEADER_AT)

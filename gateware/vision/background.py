@@ -51,7 +51,7 @@ class Background(wiring.Component):
     take : the image is a background; sampled a clock after its first pixel
     image_end : strobe, with or after the last pixel of an image. Where the next image follows within
         fewer than 8 clocks, the background is lost.
-    faulty, image_rows, image_columns : of the image, from 1 clock after ``image_end`` on, until the next
+    faulty, image_rows, image_columns : of the image, from 3 clocks after ``image_end`` on, until the next
     value : to be subtracted from the mix of the pixel; 0 where nothing is
     subtracting : something is subtracted from this image; from 2 clocks after its first pixel on
 
@@ -156,10 +156,12 @@ class Background(wiring.Component):
         end = Signal(_END_CLOCKS)
         m.d.sync += end.eq(Cat(self.image_end, end))
         size, image_size = Signal(24), Cat(self.image_rows, self.image_columns)
+        resized = Signal()
+        m.d.sync += resized.eq(size != image_size)
         with m.If(end[-1]):
             with m.If(self.faulty):
                 m.d.sync += ready.eq(ready & ~taking)
-            with m.Elif(size != image_size):
+            with m.Elif(resized):
                 m.d.sync += [size.eq(image_size), mask.eq(0), ready.eq(0)]
             with m.Elif(full):
                 m.d.sync += [mask.eq(Cat(1, mask)), ready.eq(0)]

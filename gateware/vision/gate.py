@@ -23,6 +23,7 @@ class Gate(wiring.Component):
     -------
     lut : writes to the idle bank, and the strobe that swaps
     i : colour
+    may : the colour of two clocks ago may pass at all; 1 if it is left alone
     o : whether the colour of :attr:`latency` clocks ago passes
 
     With :class:`~gateware.vision.hls.HLS` before it, it computes :func:`magtrak.reference.gate`.
@@ -30,10 +31,11 @@ class Gate(wiring.Component):
 
     lut: In(LutWrite())
     i: In(Colour)
+    may: In(1, init=1)
     o: Out(1)
 
     latency = 3
-    """Clocks from the colour to its bit: word, byte, bit."""
+    """Clocks from the colour to its bit: word, half of a byte, bit."""
 
     reference = staticmethod(gate)
 
@@ -61,8 +63,9 @@ class Gate(wiring.Component):
             for number in range(4):
                 part = slice(8 * number, 8 * number + 8)
                 m.d.sync += word[part].eq(Mux(index[3:5] == number, read.data[part], 0))
-            byte = Signal(8, name=f"{name}_byte", reset_less=True)
-            m.d.sync += byte.eq(word[:8] | word[8:16] | word[16:24] | word[24:])
-            passes.append(byte.bit_select(delayed(m, index[:3], 2, f"{name}_bit"), 1))
-        m.d.sync += self.o.eq(passes[0] & passes[1] & passes[2])
+            byte = word[:8] | word[8:16] | word[16:24] | word[24:]
+            half = Signal(4, name=f"{name}_half", reset_less=True)
+            m.d.sync += half.eq(Mux(delayed(m, index[2], 1, f"{name}_half"), byte[4:], byte[:4]))
+            passes.append(half.bit_select(delayed(m, index[:2], 2, f"{name}_bit"), 1))
+        m.d.sync += self.o.eq(passes[0] & passes[1] & passes[2] & self.may)
         return m

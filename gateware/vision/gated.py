@@ -49,6 +49,7 @@ class GatedVision(wiring.Component):
     def __init__(self, features: Features) -> None:
         self.features = features
         self._column_bits = features.max_columns.bit_length()
+        self._monitor = Monitor(features.max_columns, features.compact_rows)
         self._divider = SerialDivider(self._column_bits, (features.max_columns - 1).bit_length() + FRACTION_BITS)
         super().__init__(
             {
@@ -68,12 +69,12 @@ class GatedVision(wiring.Component):
     @property
     def latency(self) -> int:
         """Clocks from the last pixel of a row to its record; the contract of the camera kept."""
-        return Monitor.latency + BlockGate.latency + 1 + self._divider.latency + 1
+        return self._monitor.latency + BlockGate.latency + 1 + self._divider.latency + 1
 
     def elaborate(self, platform):
         m = Module()
         features, settings = self.features, self.settings
-        m.submodules.monitor = monitor = Monitor(features.max_columns, features.compact_rows)
+        m.submodules.monitor = monitor = self._monitor
         m.submodules.gate = gate = BlockGate()
         m.submodules.divider = divider = self._divider
         wiring.connect(m, monitor.video, wiring.flipped(self.video))

@@ -54,6 +54,7 @@ class Isolate(wiring.Component):
     -------
     settings : ``isolate`` is used
     i : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready
+    ahead : ``i`` as it is in the next clock; of this only ``valid`` and the flags of row and image are used
     i_frame_end : strobe, with or after the last pixel of an image, or with the first one of the next
     o : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready
     holding : a whole row has not gone out yet
@@ -74,6 +75,7 @@ class Isolate(wiring.Component):
             {
                 "settings": In(FrameSettings),
                 "i": In(stream.Signature(MeasuredPixel, always_ready=True)),
+                "ahead": In(stream.Signature(MeasuredPixel, always_ready=True)),
                 "i_frame_end": In(1),
                 "o": Out(stream.Signature(MeasuredPixel, always_ready=True)),
                 "o_frame_end": Out(1),
@@ -89,11 +91,13 @@ class Isolate(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         i, valid = self.i.p, self.i.valid
-        first, frame_first, last = Signal(), Signal(), Signal()
-        m.d.comb += [
-            first.eq(valid & i.row_first),
-            frame_first.eq(first & i.frame_first),
-            last.eq(valid & i.row_last),
+        first, frame_first, last, follows = Signal(), Signal(), Signal(), Signal()
+        ahead, comes = self.ahead.p, self.ahead.valid
+        m.d.sync += [
+            first.eq(comes & ahead.row_first),
+            frame_first.eq(comes & ahead.row_first & ahead.frame_first),
+            follows.eq(comes & ahead.row_first & ~ahead.frame_first),
+            last.eq(comes & ahead.row_last),
         ]
 
         direct = Signal(init=1)  # the image passes, it is not held
@@ -113,14 +117,15 @@ class Isolate(wiring.Component):
             m.d.sync += [rest.eq(rest - 1), ready.eq(rest == 1)]
 
         # What happens: a step brings a column of three pixels into view, and the pixel before it goes out.
-        begins, opens, step_row, extra, step = Signal(), Signal(), Signal(), Signal(), Signal()
+        begins, opens, step_row, extra, goes, step = (Signal() for _ in range(6))
         m.d.comb += [
-            begins.eq(first & ~i.frame_first & held),
+            goes.eq(extra | flushing),
+            begins.eq(follows & held),
             # Ahead of the next image's pixels, which take the place of what has been read.
-            flush.eq(held & ~begins & (((self.i_frame_end | ending) & ready) | frame_first)),
+            flush.eq(held & ((~follows & (self.i_frame_end | ending) & ready) | frame_first)),
             opens.eq(begins | flush),
-            step_row.eq(valid & (begins | active)),
-            step.eq(step_row | extra | flush | flushing),
+            step_row.eq(begins | (valid & active)),
+            step.eq((valid & active) | goes | (held & (first | ((self.i_frame_end | ending) & ready)))),
         ]
         m.d.sync += extra.eq(step_row & last)
         with m.If(opens):
@@ -211,7 +216,7 @@ class Isolate(wiring.Component):
         write, read = memory.write, memory.read
         fetch, fetch_at = Signal(), Signal(range(self.max_columns))
         at = Signal(range(self.max_columns))
-        priming = Signal(2)
+        priming, primed = Signal(), Signal()  # two more are read
         with m.If(first_1):
             m.d.sync += at.eq(0)
         with m.Elif(valid_1):
@@ -219,12 +224,12 @@ class Isolate(wiring.Component):
         m.d.comb += [write.addr.eq(at), write.en.eq(valid_2 & ~direct), write.data.above.eq(late_above)]
         for name in ("mix", "weight", "gate", "saturated", "fault", "row_last"):
             m.d.comb += write.data[name].eq(late[name])
-        m.d.comb += [read.addr.eq(fetch_at), read.en.eq(fetch), word.eq(read.data), fetch.eq(step | priming.any())]
-        m.d.sync += priming.eq(priming << 1)
+        m.d.comb += [read.addr.eq(fetch_at), read.en.eq(fetch), word.eq(read.data), fetch.eq(step | priming)]
+        m.d.sync += [priming.eq(priming & ~primed), primed.eq(priming)]
         with m.If(fetch):
             m.d.sync += fetch_at.eq(fetch_at + 1)
         with m.If(write.en & late.row_last):
-            m.d.sync += [held.eq(1), priming.eq(1), fetch_at.eq(0)]
+            m.d.sync += [held.eq(1), priming.eq(1), primed.eq(0), fetch_at.eq(0)]
 
         # The end of the image.
         has_rows, ended, flush_before = Signal(), Signal(), Signal()

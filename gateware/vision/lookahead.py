@@ -71,11 +71,12 @@ class Lookahead(wiring.Component):
         m = Module()
         i = self.i.p
         blanks = Signal(range(LOOKAHEAD + 1))  # left to insert
+        blanking = Signal()  # blanks != 0, ahead of time
         with m.If(self.i.valid):
-            m.d.sync += blanks.eq(Mux(i.row_last, LOOKAHEAD, 0))
-        with m.Elif(blanks != 0):
-            m.d.sync += blanks.eq(blanks - 1)
-        m.d.comb += self.step.eq(self.i.valid | (blanks != 0))
+            m.d.sync += [blanks.eq(Mux(i.row_last, LOOKAHEAD, 0)), blanking.eq(i.row_last)]
+        with m.Elif(blanking):
+            m.d.sync += [blanks.eq(blanks - 1), blanking.eq(blanks != 1)]
+        m.d.comb += self.step.eq(self.i.valid | blanking)
 
         # Place p of each line holds what entered p steps ago; column x stands at place LOOKAHEAD.
         flags = ("gate", "saturated", "row_first", "row_last", "frame_first", "fault")
@@ -109,23 +110,34 @@ class Lookahead(wiring.Component):
         # Both gates are picked a step ahead, but for the one that just enters, which the greatest reach needs. That one
         # picks nothing ahead: a smaller reach may be in force at the next step, in another image.
         gates = Cat(entering["gate"], lines["gate"])
-        ahead_pick, behind_pick, ahead_gate, back = Signal(), Signal(), Signal(), Signal(range(LOOKAHEAD + 1))
+        ahead_pick, behind_pick, ahead_gate = Signal(), Signal(), Signal()
         with m.If(self.step):
             m.d.sync += [
-                ahead_pick.eq(gates.bit_select(back, 1) & (reach != LOOKAHEAD)),
-                behind_pick.eq(gates.bit_select(LOOKAHEAD + reach, 1)),
+                ahead_pick.eq(Cat(reversed(gates[:LOOKAHEAD])).bit_select(reach, 1)),  # 0 for the greatest
+                behind_pick.eq(gates[LOOKAHEAD:].bit_select(reach, 1)),
             ]
         m.d.comb += [
             row_enters.eq(self.step & lines["row_first"][entry]),
             frame_enters.eq(row_enters & lines["frame_first"][entry]),
             leaves.eq(self.step & lines["row_last"][LOOKAHEAD]),
-            back.eq(LOOKAHEAD - 1 - reach),
             ahead_gate.eq(Mux(reach == LOOKAHEAD, entering["gate"], ahead_pick)),
         ]
+        # The column that follows, so that what the edges are is known with the column.
+        following = Signal(12)
+        at_first, at_last, only = Signal(), Signal(), Signal()
+        m.d.sync += only.eq(self.settings.column_last == 0)
         with m.If(row_enters):
-            m.d.sync += [column.eq(0), self.before.eq(~0), behind.eq(0)]
+            m.d.sync += [column.eq(0), following.eq(1), self.before.eq(~0), behind.eq(0), at_last.eq(only)]
         with m.Elif(self.step):
-            m.d.sync += [column.eq(column + 1), self.before.eq(column), behind.eq(behind + behind_pick)]
+            m.d.sync += [
+                column.eq(following),
+                following.eq(following + 1),
+                self.before.eq(column),
+                behind.eq(behind + behind_pick),
+                at_last.eq(following == self.settings.column_last),
+            ]
+        with m.If(self.step):
+            m.d.sync += at_first.eq(following == self.settings.column_first)
         # Behind a row's last column all is blank, so the count starts anew before the next row is in view.
         with m.If(leaves):
             m.d.sync += ahead.eq(ahead_gate)
@@ -145,8 +157,8 @@ class Lookahead(wiring.Component):
             o.weight.eq(weights[LOOKAHEAD]),
             o.ahead.eq(ahead),
             o.behind.eq(behind),
-            self.left_edge.eq(o.row_first | (column == self.settings.column_first)),
-            self.right_edge.eq(o.row_last | (column == self.settings.column_last)),
+            self.left_edge.eq(o.row_first | at_first),
+            self.right_edge.eq(o.row_last | at_last),
             self.near_last.eq(lines["row_last"][LOOKAHEAD - REACH + 1 : LOOKAHEAD + 1].any()),
         ]
         for name in ("lit", "gate", "saturated", "row_first", "row_last", "fault"):

@@ -33,7 +33,7 @@ class Peak(wiring.Component):
     Members
     -------
     settings : the detector, and what cut and ambiguous depend on, are used
-    end : strobe, the row is whole
+    ends : strobe, the row is whole in the next clock, ``end``
     found, chosen, other_found, other, gated : what was found in it, valid with ``end``
     taken : strobe: the row is measured
     window_position, window_some, window_whole : of the window that was begun at ``taken``
@@ -50,7 +50,7 @@ class Peak(wiring.Component):
         super().__init__(
             {
                 "settings": In(FrameSettings),
-                "end": In(1),
+                "ends": In(1),
                 "found": In(1),
                 "chosen": In(Run()),
                 "other_found": In(1),
@@ -87,12 +87,13 @@ class Peak(wiring.Component):
         # A row that ends while the one before is at work is not measured: its record only says so.
         busy, written = Signal(), Signal()
         late, late_row = Signal(), Signal(12)
-        m.d.comb += self.taken.eq(self.end & ~busy)
+        end = Signal()
+        m.d.sync += [end.eq(self.ends), self.taken.eq(self.ends & ~self.taken & (~busy | written))]
         with m.If(self.taken):
             m.d.sync += busy.eq(1)
         with m.Elif(written):
             m.d.sync += busy.eq(0)
-        with m.If(self.end & busy):
+        with m.If(end & ~self.taken):
             m.d.sync += [late.eq(1), late_row.eq(self.gated.row)]
         with m.Elif(~busy):
             m.d.sync += late.eq(0)
@@ -169,9 +170,18 @@ class Peak(wiring.Component):
         tops = Signal(13, reset_less=True)  # of the run's greatest weights, in halves
         base, base_held = Signal(13, reset_less=True), Signal(13, reset_less=True)
         part = Signal(FRACTION_BITS, reset_less=True)
-        whole, crossed, straight, single = (Signal(name=n) for n in ("whole", "crossed", "straight", "single"))
+        whole, crossed, single = (Signal(name=n) for n in ("whole", "crossed", "single"))
         addend = Signal(signed(position.quotient_bits + 2), reset_less=True)
         fine, fine_before = Signal(21, reset_less=True), Signal(21, reset_less=True)
+        # How far a share is bent is looked up with its last bit still to come.
+        bends = Array(Const(-value, signed(4)) for value in BEND)
+        bend = Signal(signed(4), reset_less=True)
+        bend_of = []
+        for name, divider in (("position", position), ("rival", rival_divider)):
+            looked_up = Signal(signed(4), name=f"bend_{name}", reset_less=True)
+            with m.If(divider.busy):
+                m.d.sync += looked_up.eq(bends[divider.quotient[FRACTION_BITS - 6 : FRACTION_BITS - 1]])
+            bend_of.append(looked_up)
         with m.If(busy):
             m.d.sync += [
                 of_rival.eq(steps[self._place_clock - 1]),
@@ -183,7 +193,7 @@ class Peak(wiring.Component):
                     part.eq(rival_divider.quotient),
                     whole.eq(0),
                     crossed.eq(rival.crossed),
-                    straight.eq(rival.crossing.straight),
+                    bend.eq(Mux(rival.crossing.straight, bend_of[1], 0)),
                     single.eq(rival.crossing.single),
                 ]
             with m.Else():
@@ -191,7 +201,7 @@ class Peak(wiring.Component):
                     part.eq(position.quotient),
                     whole.eq(binary | by_run),
                     crossed.eq(run.crossed & ~by_window & ~maximum),
-                    straight.eq(run.crossing.straight),
+                    bend.eq(Mux(run.crossing.straight, bend_of[0], 0)),
                     single.eq(run.crossing.single),
                 ]
                 with m.If(binary):
@@ -205,7 +215,7 @@ class Peak(wiring.Component):
             with m.If(whole):  # -quotient - 1 with the run's centroid: a unit is added below
                 m.d.sync += addend.eq((Cat(position.quotient, C(0, 1)) ^ by_run.replicate(len(addend))).as_signed())
             with m.Else():
-                m.d.sync += addend.eq(_straighten(part, crossed, straight, single))
+                m.d.sync += addend.eq(_straighten(part, bend, crossed, single))
             m.d.sync += [
                 base_held.eq(base),
                 # And one unit more, to round half up.
@@ -236,11 +246,17 @@ class Peak(wiring.Component):
 
         # Write.
         record = self.o.p.record
+        writes, writes_run, writes_rival = Signal(), Signal(), Signal()
+        m.d.sync += [
+            writes.eq(steps[-2] & valid),
+            writes_run.eq(steps[-2] & valid & found),
+            writes_rival.eq(steps[-2] & valid & found & rivals),
+        ]
         m.d.sync += [written.eq(steps[-1]), self.o.valid.eq(steps[-1] | (late & ~busy))]
         # All is 0 a clock before, by the registers' reset, which spares an AND at each bit.
         with m.If((late & ~busy) | steps[-2]):
             m.d.sync += record.eq(0)
-        with m.Elif(steps[-1] & valid):
+        with m.Elif(writes):
             m.d.sync += [
                 record.valid.eq(1),
                 record.position.eq(Mux(in_window, self.window_position, fine_before >> 1)),
@@ -249,7 +265,7 @@ class Peak(wiring.Component):
                 record.width.eq(Mux(found, run.width, span)),
                 record.gated.eq(Mux(found, run.gated, gated.total)),
             ]
-            with m.If(found):
+            with m.If(writes_run):
                 m.d.sync += [
                     record.saturated.eq(run.clipped.any()),
                     record.sum.eq(run.sum),
@@ -257,7 +273,7 @@ class Peak(wiring.Component):
                     record.clipped.eq(run.clipped),
                     record.second_valid.eq(rivals),
                 ]
-            with m.If(found & rivals):
+            with m.If(writes_rival):
                 m.d.sync += [record.second_position.eq(fine >> 1), record.runner_up.eq(ratio)]
         with m.If(late & ~busy):
             m.d.sync += [self.o.p.row.eq(late_row), record.overflow.eq(1)]
@@ -266,13 +282,12 @@ class Peak(wiring.Component):
         return m
 
 
-def _straighten(part, crossed, straight, single):
+def _straighten(part, bend, crossed, single):
     """What a crossing adds to the middle between its columns, in 1/512 px.
 
-    See :func:`magtrak.reference.fir.position`; ``part`` is the share on a straight line.
+    See :func:`magtrak.reference.fir.position`; ``part`` is the share on a straight line, ``bend`` what is
+    added to it.
     """
-    bends = Array(Const(-value, signed(4)) for value in BEND)
-    bend = Mux(straight, bends[part[FRACTION_BITS - 5 :]], 0)
     share = Mux(single, FRACTION // 2, (part + bend)[:FRACTION_BITS])
     # Half a column less, the middle's.
     less = Cat(share[:-1], ~share[-1], ~share[-1]).as_signed()

@@ -116,6 +116,7 @@ class Pixels(wiring.Component):
     background : the image is a background
     subtracted : the background is subtracted from the image
     o : stream of :class:`MeasuredPixel`, always ready, :attr:`latency` clocks later
+    ahead : ``o`` as it will be in the next clock; of this only ``valid`` and the flags of row and image
     """
 
     def __init__(self, background_cells: int = DEFAULT_CELLS) -> None:
@@ -132,11 +133,12 @@ class Pixels(wiring.Component):
                 "background": In(1),
                 "subtracted": Out(1),
                 "o": Out(stream.Signature(MeasuredPixel, always_ready=True)),
+                "ahead": Out(stream.Signature(MeasuredPixel, always_ready=True)),
             }
         )
 
-    latency = HLS.latency + Gate.latency + 1
-    """Clocks from ``i`` to ``o``: the colour path is the longest, one more joins all."""
+    latency = HLS.latency + Gate.latency
+    """Clocks from ``i`` to ``o``: the colour path is the longest."""
 
     def elaborate(self, platform):
         m = Module()
@@ -182,18 +184,25 @@ class Pixels(wiring.Component):
         brightness = [
             delayed(m, getattr(weight, name), clocks - weight.latency, name) for name in ("mix", "weight", "saturated")
         ]
+        # Whether it may be gated, before its colour is known.
+        early = clocks - 1
+        inside_early = delayed(m, region.inside, early - region.latency, "inside_early")
+        weight_early = delayed(m, weight.weight, early - weight.latency, "weight_early")
         m.d.sync += [
+            gate.may.eq(inside_early & (~self.subtracted | weight_early.any())),
             o.mix.eq(brightness[0]),
             o.weight.eq(Mux(inside, brightness[1], 0)),
             o.saturated.eq(brightness[2]),
-            o.gate.eq(gate.o & inside & (~self.subtracted | brightness[1].any())),
         ]
+        m.d.comb += o.gate.eq(gate.o)
         for name in ("row_first", "row_last", "frame_first", "fault"):
-            m.d.sync += o[name].eq(delayed(m, i[name], clocks, name))
+            m.d.comb += self.ahead.p[name].eq(delayed(m, i[name], clocks, name))
+            m.d.sync += o[name].eq(self.ahead.p[name])
         valid = self.i.valid
         for clock in range(clocks):  # with a reset, unlike the data
             register = Signal(name=f"valid_{clock + 1}")
             m.d.sync += register.eq(valid)
             valid = register
+        m.d.comb += self.ahead.valid.eq(valid)
         m.d.sync += self.o.valid.eq(valid)
         return m

@@ -1,6 +1,6 @@
 """Runs of lit pixels, each with its two best zero crossings."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -212,6 +212,15 @@ class Runs(wiring.Component):
         low, high = Signal(12, reset_less=True), Signal(12, reset_less=True)
         swept = Signal(30, reset_less=True)  # the moment about the present column
         middle = Signal(13, reset_less=True)  # in halves
+        # How far they stand from the place, and on which side of it: short by one where before it. A run ends at the
+        # earliest two clocks after its last lit column was added, so the middle has been still for a clock by then.
+        middle_away, centre_away = Signal(12, reset_less=True), Signal(12, reset_less=True)
+        middle_short, centre_short = Signal(reset_less=True), Signal(reset_less=True)
+
+        def beyond_place(column, away, short):
+            beyond = (column - self.place)[:13]
+            return [away.eq(beyond[:12] ^ beyond[12].replicate(12)), short.eq(beyond[12])]
+
         moment = Signal(30)
         m.d.comb += moment.eq(swept + run.sum)
         with m.If(starts):
@@ -260,6 +269,7 @@ class Runs(wiring.Component):
                     *assign(run.crossing, crossing, Crossing()),
                     greatest.eq(contrast),
                     run.centre.eq(centre),
+                    *beyond_place(centre, centre_away, centre_short),
                     run.over.eq(over),
                     run.coloured.eq(coloured),
                     *assign(run.second, run.crossing, Crossing()),
@@ -272,13 +282,13 @@ class Runs(wiring.Component):
 
         # 3: hold, while the next run adds up
         binary, between = Signal(), Signal()
-        stands, beyond = Signal(12), Signal(signed(13))  # where the run stands, and by how much beyond the place
+        short = Signal()
         m.d.sync += [binary.eq(self.settings.detector == Detector.BINARY), self.valid.eq(ended)]
         m.d.comb += [
             between.eq(binary | ~run.crossed),
-            stands.eq(Mux(between, middle >> 1, run.centre)),
-            beyond.eq(stands - self.place),
+            short.eq(Mux(between, middle_short, centre_short)),
         ]
+        m.d.sync += beyond_place(middle >> 1, middle_away, middle_short)
         derived = ("width", "gated", "strength", "centre", "away", "touches", "crossing")
         with m.If(ended):
             m.d.sync += [
@@ -290,8 +300,8 @@ class Runs(wiring.Component):
                 self.o.gated.eq(high - low),
                 self.o.strength.eq(Mux(binary, run.sum, Mux(between, 0, greatest))),
                 self.o.crossing.halves.eq(Mux(between, middle, run.crossing.halves)),
-                self.o.centre.eq(stands),
-                self.o.away.eq(Mux(beyond < 0, self.place - stands, beyond)),
+                self.o.centre.eq(Mux(between, middle >> 1, run.centre)),
+                self.o.away.eq((Cat(short, Mux(between, middle_away, centre_away)) + short)[1:]),
                 self.o.second_found.eq(run.second_found & ~between),
             ]
         return m

@@ -42,7 +42,7 @@ class Vision(wiring.Component):
     -------
     video : images
     background : the present image is a background; from before its first pixel until its end
-    subtracted : the background is subtracted from the present image; from 4 clocks after its first pixel on
+    subtracted : the background is subtracted from the present image; from 5 clocks after its first pixel on
     settings : in force; they may change in the clock after the first pixel of a frame was taken
     lut : writes to the gate's tables, and the swap, at that same time, which comes with all new settings
     rows : results; ``frame_end`` comes at least one clock after the last row's
@@ -54,6 +54,7 @@ class Vision(wiring.Component):
 
     def __init__(self, features: Features = EVERYTHING) -> None:
         self.features = features
+        self._monitor = Monitor(features.max_columns, features.compact_rows, fast=True)
         self._window = Window(features.max_columns)
         self._peak = Peak(features.max_columns, self._window.latency if features.window else 0)
         super().__init__(
@@ -78,7 +79,7 @@ class Vision(wiring.Component):
     @property
     def latency(self) -> int:
         """Clocks from the last pixel of a row to its record; the contract of the camera kept."""
-        return Monitor.latency + Pixels.latency + self._isolate_latency + self._measuring_latency
+        return self._monitor.latency + Pixels.latency + self._isolate_latency + self._measuring_latency
 
     @property
     def _isolate_latency(self) -> int:
@@ -92,7 +93,7 @@ class Vision(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         features = self.features
-        m.submodules.monitor = monitor = Monitor(features.max_columns, features.compact_rows)
+        m.submodules.monitor = monitor = self._monitor
         m.submodules.pixels = pixels = Pixels(features.background_cells)
         m.submodules.lookahead = lookahead = Lookahead()
         m.submodules.fir = fir = Fir()
@@ -106,9 +107,9 @@ class Vision(wiring.Component):
         wiring.connect(m, monitor.video, wiring.flipped(self.video))
         wiring.connect(m, pixels.lut, wiring.flipped(self.lut))
         wiring.connect(m, monitor.pixel, pixels.i)
+        m.d.sync += pixels.faulty.eq(monitor.errors.as_value().any())
         m.d.comb += [
             pixels.image_end.eq(monitor.frame_end),
-            pixels.faulty.eq(monitor.errors.as_value().any()),
             pixels.image_rows.eq(monitor.rows),
             pixels.image_columns.eq(monitor.columns),
             pixels.background.eq(self.background),
@@ -119,6 +120,7 @@ class Vision(wiring.Component):
         if features.isolate:
             m.submodules.isolate = isolate = Isolate(features.max_columns)
             wiring.connect(m, pixels.o, isolate.i)
+            wiring.connect(m, pixels.ahead, isolate.ahead)
             m.d.comb += [isolate.settings.eq(self.settings), isolate.i_frame_end.eq(frame_end_in)]
             m.d.comb += holding.eq(isolate.holding)
             pixel, frame_end = isolate.o, isolate.o_frame_end
@@ -141,12 +143,13 @@ class Vision(wiring.Component):
         connect_fir(m, fir, runs)
         wiring.connect(m, runs.o, choose.run)
         column = lookahead.o.p
+        row_ends = _line(m, spread.o.valid, Runs.latency + Choose.latency - Spread.latency, "row_end")
         m.d.comb += [
             choose.valid.eq(runs.valid),
             choose.image_first.eq(lookahead.o.valid & column.row_first & (column.row == 0)),
-            choose.clear.eq(peak.end),
+            choose.clear.eq(row_ends[-1]),
             runs.place.eq(choose.place),
-            peak.end.eq(_strobe_delayed(m, spread.o.valid, Runs.latency + Choose.latency - Spread.latency, "row_end")),
+            peak.ends.eq(row_ends[-2]),
             peak.found.eq(choose.found),
             peak.other_found.eq(choose.other_found),
             peak.gated.eq(spread.o.p),
@@ -198,17 +201,22 @@ class Vision(wiring.Component):
         return m
 
 
-def _strobe_delayed(m: Module, strobe, clocks: int, name: str):
+def _line(m: Module, strobe, clocks: int, name: str):
     line = Signal(clocks, name=f"{name}_line")
     m.d.sync += line.eq((line << 1) | strobe)
-    return line[-1]
+    return line
+
+
+def _strobe_delayed(m: Module, strobe, clocks: int, name: str):
+    return _line(m, strobe, clocks, name)[-1]
 
 
 def _within(m: Module, clocks: int, event, name: str):
     """Fewer than ``clocks`` clocks have passed since the last ``event``, which itself does not count."""
     left = Signal(range(clocks), name=f"{name}_left")
+    within = Signal(name=f"{name}_within")  # left != 0, ahead of time
     with m.If(event):
-        m.d.sync += left.eq(clocks - 1)
-    with m.Elif(left != 0):
-        m.d.sync += left.eq(left - 1)
-    return left != 0
+        m.d.sync += [left.eq(clocks - 1), within.eq(1)]
+    with m.Elif(within):
+        m.d.sync += [left.eq(left - 1), within.eq(left != 1)]
+    return within

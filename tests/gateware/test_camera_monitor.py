@@ -54,33 +54,45 @@ class Tape:
 
 
 def play(tape: Tape, max_columns: int = 32, max_rows: int = ROWS):
-    """Frames as lists of rows of pixels, the report of each, errors since reset."""
-    dut = Monitor(max_columns, max_rows)
+    """Frames as lists of rows of pixels, the report of each, errors since reset; the same from a fast one."""
+    plain = _play(Monitor(max_columns, max_rows), tape)
+    fast = _play(Monitor(max_columns, max_rows, fast=True), tape)
+    assert fast == plain
+    out, ends, reports, ever = plain
+    return well_formed(out, ends, max_columns, max_rows), reports, ever[0]
+
+
+def _play(dut: Monitor, tape: Tape):
+    """Pixels and ends of frames, as of the clock they came in, reports, errors since reset."""
     out, ends, reports, ever = [], [], [], []
 
     async def testbench(ctx):
-        ended = False
+        ended, sizes = [False] * dut.latency, []
+        pixels = []
         for clock, item in enumerate([*tape.clocks, *({"valid": 0},) * 4]):
             pixel = {"r": clock % 255 + 1, "g": 0, "b": 0} | {flag: item.get(flag, 0) for flag in FLAGS}
+            pixels.append(pixel)
             ctx.set(dut.video.pixel.p, pixel)
             ctx.set(dut.video.pixel.valid, item["valid"])
             ctx.set(dut.video.frame_end, item.get("frame_end", 0))
             await ctx.tick()
-            if ended:
+            if ended[-1]:
+                sizes.append((ctx.get(dut.rows), ctx.get(dut.columns)))
+            if ended[0]:
                 errors = ctx.get(dut.errors)
-                reports.append(({name for name in ERRORS if errors[name]}, ctx.get(dut.rows), ctx.get(dut.columns)))
+                reports.append(({name for name in ERRORS if errors[name]}, *sizes[len(reports)]))
             if ctx.get(dut.pixel.valid):
                 sent = ctx.get(dut.pixel.p)
-                assert sent.r in (0, pixel["r"]), f"latency is not {dut.latency}"
-                out.append((clock, sent))
-            ended = ctx.get(dut.frame_end)
-            if ended:
-                ends.append(clock)
+                assert sent.r in (0, pixels[-dut.latency]["r"]), f"latency is not {dut.latency}"
+                out.append((clock + 1 - dut.latency, sent))
+            ended = [*ended[1:], ctx.get(dut.frame_end)]
+            if ended[-1]:
+                ends.append(clock + 1 - dut.latency)
         errors = ctx.get(dut.errors_ever)
         ever.append({name for name in ERRORS if errors[name]})
 
     simulate(dut, testbench, clocks=len(tape.clocks) + 20)
-    return well_formed(out, ends, max_columns, max_rows), reports, ever[0]
+    return out, ends, reports, ever
 
 
 def well_formed(out, ends, max_columns, max_rows):

@@ -1,5 +1,6 @@
 """The isolated-pixel filter: the reference by hand, the gateware against it, and images that break the contract."""
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -107,9 +108,15 @@ class Tape:
         out, ends = [], []
 
         async def testbench(ctx):
-            for now, clock in enumerate([*self.clocks, *(Clock() for _ in range(max_columns + 100))]):
-                ctx.set(dut.i.valid, clock.pixel is not None)
-                ctx.set(dut.i.p, clock.pixel or {"row_first": 1, "row_last": 1, "frame_first": 1, "gate": 1})
+            clocks = [*self.clocks, *(Clock() for _ in range(max_columns + 100))]
+            nothing = {"row_first": 1, "row_last": 1, "frame_first": 1, "gate": 1}
+            ctx.set(dut.ahead.valid, clocks[0].pixel is not None)
+            ctx.set(dut.ahead.p, clocks[0].pixel or nothing)
+            await ctx.tick()
+            for now, (clock, ahead) in enumerate(itertools.pairwise([*clocks, Clock()])):
+                for port, item in ((dut.i, clock), (dut.ahead, ahead)):
+                    ctx.set(port.valid, item.pixel is not None)
+                    ctx.set(port.p, item.pixel or nothing)
                 ctx.set(dut.i_frame_end, now in self.ends)
                 if clock.k is not None:
                     ctx.set(dut.settings.isolate, clock.k)
@@ -346,21 +353,25 @@ class Watched(wiring.Component):
         m.submodules.dut = dut = Isolate(32)
         wiring.connect(m, monitor.video, wiring.flipped(self.video))
         wiring.connect(m, dut.o, wiring.flipped(self.o))
-        pixel, given = monitor.pixel.p, dut.i.p
+        pixel, ahead = monitor.pixel.p, dut.ahead.p
+        m.d.sync += [
+            dut.i.valid.eq(dut.ahead.valid),
+            dut.i.p.eq(ahead),
+            dut.i_frame_end.eq(monitor.frame_end),
+        ]
         m.d.comb += [
             dut.settings.eq(self.settings),
-            dut.i.valid.eq(monitor.pixel.valid),
-            given.mix.eq(pixel.r),
-            given.weight.eq(pixel.g),
-            given.gate.eq(pixel.b[0]),
-            dut.i_frame_end.eq(monitor.frame_end),
+            dut.ahead.valid.eq(monitor.pixel.valid),
+            ahead.mix.eq(pixel.r),
+            ahead.weight.eq(pixel.g),
+            ahead.gate.eq(pixel.b[0]),
             self.given.valid.eq(dut.i.valid),
-            self.given.p.eq(given),
+            self.given.p.eq(dut.i.p),
             self.given_end.eq(dut.i_frame_end),
             self.o_frame_end.eq(dut.o_frame_end),
         ]
         for name in ("row_first", "row_last", "frame_first", "fault"):
-            m.d.comb += given[name].eq(pixel[name])
+            m.d.comb += ahead[name].eq(pixel[name])
         return m
 
 
