@@ -16,6 +16,9 @@ from ..layouts import Edge
 from ..memory import BlockRam
 from .quadrature import UNKNOWN, Move
 
+FIRST_CLOCKS = 8
+"""How long the first row's stamp can be taken from :class:`AngleLatch` where it is not kept."""
+
 
 class AngleStamp(data.Struct):
     """Time, and the decoder's ``count``, ``age`` and ``period`` at that time."""
@@ -37,8 +40,15 @@ class AngleLatch(wiring.Component):
     row_first : strobe, column 0 of a row
     frame_first : strobe along with it, the row is the first one of its image
     now : state of the encoder
-    first : at the last ``frame_first``
+    first : at the last ``frame_first``; without ``keep_first`` 0
     last : at the last ``row_first``
+    first_is_last : strobe, a clock after ``frame_first``: ``last`` is the first row's stamp
+
+    Parameters
+    ----------
+    keep_first : without it the first row's stamp is not kept: whoever needs it takes it from ``last`` within
+        :data:`FIRST_CLOCKS` from ``first_is_last`` on. A row that begins sooner, far from any contract of the camera,
+        is not latched
     """
 
     row_first: In(1)
@@ -46,6 +56,11 @@ class AngleLatch(wiring.Component):
     now: In(AngleStamp)
     first: Out(AngleStamp)
     last: Out(AngleStamp)
+    first_is_last: Out(1)
+
+    def __init__(self, *, keep_first: bool = True) -> None:
+        self.keep_first = keep_first
+        super().__init__()
 
     @staticmethod
     def reference(time: int, moves: Sequence[Move]) -> dict[str, int]:
@@ -60,10 +75,15 @@ class AngleLatch(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        with m.If(self.row_first):
+        left = Signal(range(FIRST_CLOCKS))  # clocks in which `last` stays
+        m.d.sync += self.first_is_last.eq(self.frame_first)
+        with m.If(self.row_first & (self.frame_first | (left == 0))):
             m.d.sync += self.last.eq(self.now)
         with m.If(self.frame_first):
-            m.d.sync += self.first.eq(self.now)
+            m.d.sync += self.first.eq(self.now) if self.keep_first else left.eq(FIRST_CLOCKS - 1)
+        if not self.keep_first:
+            with m.If(~self.frame_first & (left != 0)):
+                m.d.sync += left.eq(left - 1)
         return m
 
 
