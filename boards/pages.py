@@ -27,7 +27,7 @@ _PARTS = {
     "turn_check": "check of every turn's counts",
     "pwm_period": "setting of the PWM's period: it is 1024 clocks",
     "notes": "`camera.exposure_s` and `camera.time_offset_s` in frames: give the time offset in the calibration",
-    "close_images": "images that begin within 112 clocks of the end of the one before: they are dropped, and counted",
+    "close_images": "images that begin within 480 clocks of the end of the one before: they are dropped, and counted",
 }
 """What a card may be built without, for people."""
 

@@ -107,7 +107,8 @@ class Multiply(wiring.Component):
         if hasattr(platform, "get_multiplier"):
             return platform.get_multiplier(self)
         m = Module()
-        a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
+        a = Signal.like(self.a, reset_less=True)
+        b = Signal.like(self.b, reset_less=True)
         product = Signal.like(self.product, reset_less=True)
         with m.If(self.enable):
             m.d.sync += [a.eq(self.a), b.eq(self.b), product.eq(a * b)]

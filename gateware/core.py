@@ -79,10 +79,13 @@ class Core(wiring.Component):
         m.submodules.alternation = alternation = Alternation()
         m.submodules.motion = motion = Motion(self.features)
         m.submodules.buffer = buffer = FrameBuffer(
-            features.max_rows, close_images=features.close_images, fast_clock=features.fast_clock
+            features.max_rows,
+            edge_log=features.edge_log,
+            close_images=features.close_images,
+            fast_clock=features.fast_clock,
         )
-        m.submodules.assembler = assembler = FrameAssembler(features.max_rows)
-        m.submodules.registers = registers = RegisterFile(features)
+        m.submodules.assembler = assembler = FrameAssembler(features.max_rows, edge_log=features.edge_log)
+        m.submodules.registers = registers = RegisterFile(features, keep=features.fast_clock or own_clock)
         m.submodules.link = link = Link()
 
         # Pixels to packets.
@@ -152,6 +155,7 @@ class Core(wiring.Component):
             buffer.frame_first.eq(pixels.frame_first),
             buffer.frame_end.eq(pixels.frame_end),
             buffer.refused.eq(pixels.refused),
+            buffer.first_is_last.eq(motion.first_is_last),
             buffer.taken.eq(motion.taken),
             buffer.edge.eq(motion.edge),
             buffer.vision.eq(pixels.vision),

@@ -48,9 +48,10 @@ class Features:
     turn_check : the counts of every turn are checked; without it ``counts_per_turn`` has to be 0
     pwm_period : the PWM's period can be set; without it ``motor_period`` has to be 1024
     notes : frames carry ``exposure_us`` and ``time_offset_ns``; without it these have to be 0
-    close_images : an image may begin right after the one before; without it one that begins within 112 clocks of
+    close_images : an image may begin right after the one before; without it one that begins within 480 clocks of
         that one's end is refused, and counted as dropped
-    fast_clock : registers stand behind the frame's block RAMs, which clocks above some 50 MHz need
+    fast_clock : registers stand behind the block RAMs of frame and registers, which clocks above some 50 MHz need, and
+        the next command may wait while one is executed
 
     Raises
     ------

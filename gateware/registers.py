@@ -24,6 +24,10 @@ CardStatus = data.StructLayout(
 
 _LIVE = (*_OWN, *CardStatus.members)
 assert len(_LIVE) <= 32
+assert TABLE_BASE % 4 == 0, "the axis of a table is the lowest bits of its number"
+
+TABLE_CLOCKS = 8
+"""How long a word that is written to a gate table stays, from ``lut.valid`` on."""
 
 
 class _Low(data.Struct):
@@ -71,6 +75,10 @@ class RegisterFile(wiring.Component):
     Parameters
     ----------
     features : what the card is built with
+    keep : a command is kept here while it is executed, and the next one may wait behind it; what is written to the
+        tables is kept as well. Without it a command is taken when its answer is, which is :data:`TABLE_CLOCKS` later
+        for a table; nothing may come between ``command`` and where it waits that lets go of it sooner. And what the
+        ROM says goes through no register, which clocks above some 50 MHz need
 
     Members
     -------
@@ -86,8 +94,9 @@ class RegisterFile(wiring.Component):
     arm, arm_key : strobe and value of a write to ``laser_arm``
     """
 
-    def __init__(self, features: Features = EVERYTHING) -> None:
+    def __init__(self, features: Features = EVERYTHING, *, keep: bool = True) -> None:
         self.features = features
+        self.keep = keep
         super().__init__(
             {
                 "command": In(stream.Signature(Command)),
@@ -110,7 +119,8 @@ class RegisterFile(wiring.Component):
         pending = Signal()
         marked = Signal(16)  # the generation that waits
         written = self.lut.written  # since their last swap
-        bank, stale = Signal(), Signal()  # which words of settings are in force; the others are older
+        bank = Signal()  # which words of settings are in force
+        stale = Signal()  # the others are older
         comes = self.lut.swap
         m.d.comb += comes.eq(self.frame_start & pending)
         with m.If(comes):
@@ -124,17 +134,22 @@ class RegisterFile(wiring.Component):
         m.submodules.values = values = BlockRam(32, 2 << NUMBER_BITS, self._initial())
 
         command = Signal(Command)
+        if not self.keep:
+            m.d.comb += command.eq(self.command.payload)
         at = Signal(NUMBER_BITS)  # number of the addressed register
         # The word about it that was read last, flags of the first one, and what it shows.
-        fetched, about = Signal(data.UnionLayout({"low": _Low, "high": _High})), Signal(4)
+        fetched = Signal(data.UnionLayout({"low": _Low, "high": _High}))
+        about = Signal(4)
         low, high = data.View(_Low, Cat(Const(0, 32), about)), fetched.high
         live = Signal(len(_LIVE))
-        above, above_low, inside = Signal(), Signal(), Signal()
+        above = Signal()
+        above_low = Signal()
+        inside = Signal()
         m.d.comb += [
             rom.read.addr.eq(Cat(at, 1)),
             above.eq((command.value ^ (low.signed << 31)) > fetched.high.value),
         ]
-        m.d.sync += fetched.eq(rom.read.data)
+        m.d["sync" if self.keep else "comb"] += fetched.eq(rom.read.data)
 
         # Copies, with the word that is read a clock behind its address: of the initial values, which stand above all
         # others, or of the settings in force.
@@ -155,8 +170,20 @@ class RegisterFile(wiring.Component):
         with m.If(self.write.ready):
             m.d.sync += self.write.valid.eq(0)
         m.d.sync += [self.arm.eq(0), self.lut.valid.eq(0)]
+        answer = Signal(Answer)
+        code = answer.code
+        m.d.comb += self.answer.payload.eq(answer)
+        table_left = Signal(range(TABLE_CLOCKS))  # clocks in which what is written to a table has to stay
+        if not self.keep:
+            m.d.comb += [
+                *(self.lut.axis.eq(at), self.lut.word.eq(command.address), self.lut.data.eq(command.value)),
+                *(self.arm_key.eq(command.value), _to(self.answer.payload, command)),
+            ]
+            with m.If(self.lut.valid):
+                m.d.sync += table_left.eq(TABLE_CLOCKS - 1)
+            with m.Elif(table_left != 0):
+                m.d.sync += table_left.eq(table_left - 1)
         m.d.comb += values.read.en.eq(0)
-        code = self.answer.payload.code
         with m.FSM():
             with m.State("Copy"):
                 m.d.comb += [
@@ -174,14 +201,10 @@ class RegisterFile(wiring.Component):
                         m.next = "Wait"
 
             with m.State("Wait"):
-                m.d.comb += self.command.ready.eq(1)
-                m.d.sync += [
-                    command.eq(self.command.payload),
-                    self.answer.payload.to.eq(self.command.payload.sequence),
-                    self.answer.payload.address.eq(self.command.payload.address),
-                    self.answer.payload.value.eq(0),
-                    code.eq(self.command.payload.refusal),
-                ]
+                if self.keep:
+                    m.d.comb += self.command.ready.eq(1)
+                    m.d.sync += [command.eq(self.command.payload), _to(answer, self.command.payload)]
+                m.d.sync += [answer.value.eq(0), code.eq(self.command.payload.refusal)]
                 with m.If(self.command.valid):
                     m.next = "Find"
                     with m.If(self.command.payload.refusal != AnswerCode.DONE):
@@ -194,6 +217,8 @@ class RegisterFile(wiring.Component):
                 m.d.comb += rom.read.addr.eq(Cat(at, 0))
                 m.next = "High"
             with m.State("High"):
+                if not self.keep:
+                    m.d.comb += rom.read.addr.eq(Cat(at, 0))  # once more, for its flags stand in `about` a clock later
                 m.d.sync += about.eq(rom.read.data[32:])
                 m.next = "Above"
             with m.State("Above"):
@@ -247,11 +272,13 @@ class RegisterFile(wiring.Component):
                     [*(_extended(one) for one in shown), high.value, values.read.data],
                     Cat(live, high.constant, high.kept),
                 )
-                m.d.sync += self.answer.payload.value.eq(value)
+                m.d.sync += answer.value.eq(value)
                 m.next = "Answer"
             with m.State("Answer"):
-                m.d.comb += self.answer.valid.eq(~self.write.valid)
+                m.d.comb += self.answer.valid.eq(~self.write.valid & (table_left == 0))
                 with m.If(self.answer.valid & self.answer.ready):
+                    if not self.keep:
+                        m.d.comb += self.command.ready.eq(1)
                     m.next = "Wait"
 
         return m
@@ -277,14 +304,18 @@ class RegisterFile(wiring.Component):
         lowest, highest, _ = built(register, self.features)
         if register in TABLES:
             axis = TABLES.index(register)
-            m.d.sync += [
-                *(self.lut.valid.eq(1), self.lut.axis.eq(axis), self.lut.word.eq(command.address)),
-                *(self.lut.data.eq(command.value), written[axis].eq(1)),
-            ]
+            m.d.sync += [self.lut.valid.eq(1), written[axis].eq(1)]
+            if self.keep:
+                m.d.sync += [
+                    *(self.lut.axis.eq(axis), self.lut.word.eq(command.address)),
+                    self.lut.data.eq(command.value),
+                ]
         elif register.name == "commit":
             m.d.sync += [pending.eq(1), marked.eq(command.value), code.eq(AnswerCode.PENDING)]
         elif register.name == "laser_arm":
-            m.d.sync += [self.arm.eq(1), self.arm_key.eq(command.value)]
+            m.d.sync += self.arm.eq(1)
+            if self.keep:
+                m.d.sync += self.arm_key.eq(command.value)
         elif lowest != highest:
             values = shadow if register.scope is Scope.FRAME else self.now
             m.d.sync += values[register.name].eq(command.value)
@@ -334,6 +365,11 @@ class RegisterFile(wiring.Component):
             lows[number(r)] = _Low.as_shape().const(low).as_value().value
             highs[number(r)] = _High.as_shape().const(high).as_value().value
         return lows + highs
+
+
+def _to(answer, command):
+    """Statements by which an answer tells what it answers."""
+    return [answer.to.eq(command.sequence), answer.address.eq(command.address)]
 
 
 def _biased(register: Register, value: int) -> int:

@@ -86,7 +86,8 @@ class Crossing(wiring.Component):
         """In ``sync``: words out of the FIFO."""
         video = self.video
         word = Signal(Word)
-        taken, wait = Signal(), Signal()
+        taken = Signal()
+        wait = Signal()
         left = Signal(range(MIN_FRAME_GAP))  # clocks in which no row may begin
         pause = Signal()  # left != 0, ahead of time
         m.d.comb += [

@@ -87,7 +87,8 @@ class Forming(wiring.Component):
         # The rest of a row in which the boundary came belongs to no image.
         skipping = Signal()
         m.d.camera += skipping.eq(i.row & (skipping | boundary))
-        active, pixel = Signal(), Signal()
+        active = Signal()
+        pixel = Signal()
         dropping = Signal(init=1)  # until the next image
         m.d.comb += [active.eq(i.row & ~skipping & ~boundary), pixel.eq(i.valid & active & ~dropping)]
 
@@ -111,7 +112,9 @@ class Forming(wiring.Component):
 
         # A held pixel goes out before a mark does: that finds a free clock, since the next row's first is held a clock.
         release = Signal()
-        end_due, broken_due, cut_due = Signal(), Signal(), Signal()
+        end_due = Signal()
+        broken_due = Signal()
+        cut_due = Signal()
         breaks = Signal()
         lost = Signal(8)  # images, to be told with the cut
         m.d.comb += [
@@ -201,7 +204,8 @@ class Direct(wiring.Component):
         m.submodules.forming = forming = Forming()
         connect(m, flipped(self.i), forming.i)
         m.d.comb += [forming.enable.eq(1), forming.room.eq(1)]
-        word, put = Signal(Word), Signal()
+        word = Signal(Word)
+        put = Signal()
         m.d.camera += [word.eq(forming.word), put.eq(forming.put)]
         told(m, "camera", put, word, self.video, {"broken": self.broken})
         return m

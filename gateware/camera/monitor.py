@@ -126,14 +126,17 @@ class Monitor(wiring.Component):
 
         end = Signal()  # the frame ends, by itself or because the next one begins
         m.d.comb += end.eq(in_frame & (frame_end | begin))
-        opens, belongs = Signal(), Signal()
+        opens = Signal()
+        belongs = Signal()
         m.d.comb += [opens.eq(begin | (first & in_frame)), belongs.eq(opens | (follows & in_row))]
 
         close_frame = self._within(m, MIN_FRAME_GAP, valid & seen, "gap")
 
         # What goes out.
         o = self.pixel.p
-        out_valid, out_last, fault = Signal(), Signal(), Signal()
+        out_valid = Signal()
+        out_last = Signal()
+        fault = Signal()
         start = Signal()  # a row goes out from this pixel on
         black = Signal()  # a row has to be ended with a pixel that there is not
         full = Signal()  # the frame has all the rows that it may have
@@ -229,7 +232,8 @@ class Monitor(wiring.Component):
         close_end = self._within(m, MIN_BLANKING, valid & i.row_last, "blanking")
         close_start = self._within(m, MIN_ROW_PERIOD, first, "row_period")
         found = Signal(CameraErrors)
-        length, expected = Signal(12), Signal(12)
+        length = Signal(12)
+        expected = Signal(12)
         measured = Signal()  # `expected` holds the length of the frame's first row
         row_over = Signal()
         m.d.sync += row_over.eq(over)
@@ -249,7 +253,8 @@ class Monitor(wiring.Component):
                 | (frame_end & ((in_row & ~valid) | (valid & belongs & ~i.row_last)))
             ),
         ]
-        ended, begun = Signal(), Signal()
+        ended = Signal()
+        begun = Signal()
         m.d.sync += [ended.eq(end), begun.eq(begin)]
         bad_length = Signal()
         m.d.comb += bad_length.eq(row_over & measured & ~begun & (length != expected))

@@ -56,8 +56,11 @@ class Pattern(wiring.Component):
         width = self.columns + _BLANK_COLUMNS
         column = Signal(range(width))
         row = Signal(range(self.rows + 1))
-        start, next_start = Signal(range(self.columns)), Signal(range(self.columns))  # of the line, in this image
-        centre, next_centre = Signal(range(self.columns)), Signal(range(self.columns))
+        # Of the line, in this image.
+        start = Signal(range(self.columns))
+        next_start = Signal(range(self.columns))
+        centre = Signal(range(self.columns))
+        next_centre = Signal(range(self.columns))
         going = Signal()
 
         def following(place):
@@ -77,7 +80,8 @@ class Pattern(wiring.Component):
             m.d.comb += due.eq(1)
 
         # What a row ends with is known a clock before, what an image ends with for longer.
-        row_ends, blank = Signal(), Signal()
+        row_ends = Signal()
+        blank = Signal()
         m.d.sync += [
             row_ends.eq(going & (column == width - 2)),
             blank.eq(row == self.rows),
@@ -94,10 +98,16 @@ class Pattern(wiring.Component):
             m.d.sync += column.eq(column + 1)
 
         # 1: where it is; 2: what that means. A row's number has been known for long where its first column is 0.
-        in_columns, first, last, ends = Signal(), Signal(), Signal(), Signal()
-        in_row, in_blank, in_first = Signal(), Signal(), Signal()
+        in_columns = Signal()
+        first = Signal()
+        last = Signal()
+        ends = Signal()
+        in_row = Signal()
+        in_blank = Signal()
+        in_first = Signal()
         beyond = Signal(range(-self.columns, width))  # the line
-        near, low = Signal(), Signal(3)
+        near = Signal()
+        low = Signal(3)
         placed = Signal(4)
         m.d.sync += [
             in_columns.eq(column < self.columns),

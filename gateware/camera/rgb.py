@@ -115,8 +115,10 @@ class Rgb(wiring.Component):
     def _in_the_middle(self, m: Module, vs) -> Signal:
         """Whether the vertical sync last came on in the two middle quarters of a line."""
         hs = self.hs ^ self.hs_low
-        hs_before, vs_before = Signal(), Signal()
-        at, line = Signal(_LINE_BITS), Signal(_LINE_BITS)  # clocks since the line began, of a whole line
+        hs_before = Signal()
+        vs_before = Signal()
+        at = Signal(_LINE_BITS)  # clocks since the line began
+        line = Signal(_LINE_BITS)  # of a whole line
         m.d.camera += [hs_before.eq(hs), vs_before.eq(vs)]
         with m.If(hs & ~hs_before):
             m.d.camera += [at.eq(1), line.eq(at)]

@@ -79,7 +79,8 @@ class Sccb(wiring.Component):
         # A bit has four quarters: the clock is high in the two in the middle.
         divider = Signal(range(self.quarter_clocks))
         quarter = Signal(2)
-        step, bit_over = Signal(), Signal()
+        step = Signal()
+        bit_over = Signal()
         m.d.comb += [step.eq(divider == self.quarter_clocks - 1), bit_over.eq(step & (quarter == 3))]
         m.d.sync += divider.eq(Mux(step, 0, divider + 1))
         m.d.sync += quarter.eq(quarter + step)
@@ -96,7 +97,8 @@ class Sccb(wiring.Component):
                 with m.Case(number):
                     m.d.comb += following.eq(Mux(fetching, 0xFF, byte))
 
-        clock, line = Signal(init=1), Signal(init=1)
+        clock = Signal(init=1)
+        line = Signal(init=1)
         m.d.sync += [self.scl_low.eq(~clock), self.sda_low.eq(~line)]
         high = (quarter == 1) | (quarter == 2)
         m.d.sync += self.done.eq(0)

@@ -93,7 +93,8 @@ class Setup(wiring.Component):
         m.d.comb += [port.addr.eq(index), port.en.eq(1)]
         step = Signal(_Step)
 
-        exposure, gain = Signal(16), Signal(10)  # as written
+        exposure = Signal(16)  # as written
+        gain = Signal(10)  # as written
         control = Signal(8)  # what they add to the step's data
         values = {"exposure": exposure, "gain": self._code(m, gain)}
         with m.Switch(index):

@@ -66,7 +66,9 @@ class Timing(wiring.Component):
 
     def _clock(self, m: Module) -> None:
         prescaler = Signal(_PRESCALE_BITS)
-        slow, before, beat = Signal(), Signal(), Signal()
+        slow = Signal()
+        before = Signal()
+        beat = Signal()
         m.d.camera += prescaler.eq(prescaler + 1)
         m.submodules.synchronizer = FFSynchronizer(prescaler[-1], slow)
         m.d.sync += before.eq(slow)
@@ -107,13 +109,20 @@ class Sizes(wiring.Component):
         m = Module()
         video, seen = self.video, self.seen
         pixel, valid = video.pixel.p, video.pixel.valid
-        length, rows = Signal(12), Signal(12)
-        shortest, longest = Signal(12), Signal(12)
-        fresh, measured = Signal(init=1), Signal()  # no row of this image yet; an image was measured
-        shorter, longer = Signal(), Signal()  # this row has not reached the shortest, or is past the longest
-        is_shortest, is_longest = Signal(), Signal()
+        length = Signal(12)
+        rows = Signal(12)
+        shortest = Signal(12)
+        longest = Signal(12)
+        fresh = Signal(init=1)  # no row of this image yet
+        measured = Signal()  # an image was measured
+        shorter = Signal()  # this row has not reached the shortest
+        longer = Signal()  # it is past the longest
+        is_shortest = Signal()
+        is_longest = Signal()
         m.d.comb += [is_shortest.eq(length == shortest), is_longest.eq(length == longest)]
-        row_over, uneven, other = Signal(), Signal(), Signal()
+        row_over = Signal()
+        uneven = Signal()
+        other = Signal()
         with m.If(valid & pixel.row_first):
             m.d.sync += [length.eq(1), shorter.eq(1), longer.eq(0)]
         with m.Else():

@@ -91,7 +91,9 @@ class Exchange(wiring.Component):
         return m
 
     def _delay(self, m: Module) -> None:
-        strobes, i, o = Signal(2 * DELAY), self.i_video, self.video
+        strobes = Signal(2 * DELAY)
+        i = self.i_video
+        o = self.video
         pixel = Signal.like(i.pixel.payload, reset_less=True)
         renamed = Module()  # what has only the domain `sync`
         renamed.d.comb += pixel.eq(delayed(renamed, i.pixel.payload, DELAY, "pixel"))
@@ -103,9 +105,12 @@ class Exchange(wiring.Component):
         """The strobe in which what stands still is copied."""
         pixels = m.d[self.domain]
         line = Signal(DELAY - 1)
-        due, passed = Signal(), Signal()  # the answer is; the first pixel has come out without
-        answers, go = Signal(), Signal()
-        late_now, late_before = Signal(), Signal()
+        due = Signal()  # the answer is
+        passed = Signal()  # the first pixel has come out without
+        answers = Signal()
+        go = Signal()
+        late_now = Signal()
+        late_before = Signal()
         exits = due & line[-1]  # in the next clock
         m.d.comb += [answers.eq((exits | passed) & self.answered), self.late.eq(late_now | late_before)]
         pixels += [line.eq(Cat(self.i_frame_first, line)), go.eq(answers)]
@@ -123,7 +128,8 @@ class Exchange(wiring.Component):
         return go
 
     def _tables(self, m: Module, go: Signal) -> None:
-        swaps, swapped = Signal(), Signal()  # parity of the swaps in `sync`; of those that have come
+        swaps = Signal()  # parity of the swaps in `sync`
+        swapped = Signal()  # of those that have come
         written = Signal.like(self.i_lut.written)
         with m.If(self.i_lut.swap):
             m.d.sync += [swaps.eq(~swaps), written.eq(self.i_lut.written)]

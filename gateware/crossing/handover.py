@@ -40,8 +40,10 @@ class Handover(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         here, there = m.d[self.i_domain], m.d[self.o_domain]
-        request, requested = Signal(), Signal()
-        taken, returned = Signal(), Signal()
+        request = Signal()
+        requested = Signal()
+        taken = Signal()
+        returned = Signal()
         word = Signal.like(self.i.payload, reset_less=True)
         m.submodules.forth = FFSynchronizer(request, requested, o_domain=self.o_domain)
         m.submodules.back = FFSynchronizer(taken, returned, o_domain=self.i_domain)

@@ -56,7 +56,8 @@ class Pictures(wiring.Component):
         connect(m, snapshot.o, bytes_.i)
         connect(m, bytes_.o, flipped(self.o))
 
-        number, differs = Signal.like(self.settings.snapshot), Signal()
+        number = Signal.like(self.settings.snapshot)
+        differs = Signal()
         taking = Signal()
         m.submodules.synchronizer = FFSynchronizer(snapshot.busy, taking)
         m.d.comb += [
@@ -71,7 +72,8 @@ class Pictures(wiring.Component):
 
         # Called taken only when `busy` tells of it, which then is seen in `sync` as early as that.
         pixels = m.d[self.domain]
-        settings, since = Signal(_SETTINGS), Signal(3)
+        settings = Signal(_SETTINGS)
+        since = Signal(3)
         with m.If(asked.o.valid):
             pixels += settings.eq(asked.o.payload)
         m.d.comb += asked.o.ready.eq(since[-1])

@@ -50,7 +50,9 @@ class Results(wiring.Component):
         m = Module()
         m.submodules.handover = handover = Handover(_Word, self.domain, "sync")
         pixels = m.d[self.domain]
-        ended, vision, lost = Signal(), Signal(VisionFacts, reset_less=True), Signal()
+        ended = Signal()
+        vision = Signal(VisionFacts, reset_less=True)
+        lost = Signal()
         word, row = handover.i.payload, self.i.row
         m.d.comb += [
             handover.i.valid.eq(row.valid | ended),

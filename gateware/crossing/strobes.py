@@ -68,7 +68,8 @@ class Strobes(wiring.Component):
         pixels = m.d[self.domain]
 
         # An image's end waits for a clock: the next one may begin in it, and both are told in one.
-        told, waits = handover.i.payload, Signal(Happening)
+        told = handover.i.payload
+        waits = Signal(Happening)
         under_way = Signal()  # a first pixel is
         m.d.comb += [
             told.end.eq(waits.end),
@@ -90,7 +91,8 @@ class Strobes(wiring.Component):
         with m.If(self.i_refused):
             pixels += waits.refused.eq(1)
 
-        heard, what = Signal(), handover.o.payload
+        heard = Signal()
+        what = handover.o.payload
         ended = Signal()  # the end of these two was a clock ago
         both = what.end & what.first
         m.d.comb += [

@@ -39,7 +39,8 @@ class TableGuard(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         command = self.i.payload
-        concerned, waits = Signal(), Signal()
+        concerned = Signal()
+        waits = Signal()
         bits = (LUT_WORDS - 1).bit_length()
         bases = [table.address >> bits for table in TABLES]
         m.d.comb += [

@@ -9,6 +9,10 @@ from ..layouts import Field, Video
 SHORTEST_CLOCKS = 112
 """Clocks from the first pixel of an image to ``frame_end`` at least: one row and a blank row of the contract."""
 
+APART_CLOCKS = 480
+"""Clocks from an image's ``frame_end`` to the next image at least, where ``close_images`` are left out: the longest
+glitch filter, and then 200 to complete the header."""
+
 
 class Admission(wiring.Component):
     """Passes images on, from the first one that begins while ``run`` is set to the last that began so.
@@ -25,7 +29,7 @@ class Admission(wiring.Component):
     ----------
     shortest : clocks from the first pixel of an image to ``frame_end`` at least, :data:`SHORTEST_CLOCKS` or more
     close_images : an image may begin as soon as the one before has had its strobe. Without it, one that begins sooner
-        than :data:`SHORTEST_CLOCKS` after that strobe, or before it, is refused as well, and rows after an image's end
+        than :data:`APART_CLOCKS` after that strobe, or before it, is refused as well, and rows after an image's end
         have no ``row_first``: what motion latched for an image then stays so for that long.
 
     Members
@@ -61,7 +65,7 @@ class Admission(wiring.Component):
         passing = Signal()
         open_ = Signal()  # frame_end is to come
         over = Signal()  # the image has ended, however early
-        left = Signal(range(self.shortest + 1))
+        left = Signal(range(max(self.shortest, 0 if self.close_images else APART_CLOCKS) + 1))
 
         begins = Signal()
         let_in = Signal()
@@ -93,7 +97,7 @@ class Admission(wiring.Component):
         with m.If(ends):
             m.d.sync += open_.eq(0)
             if not self.close_images:
-                m.d.sync += left.eq(SHORTEST_CLOCKS)
+                m.d.sync += left.eq(APART_CLOCKS)
         with m.If((self.i.frame_end & passing) | begins):
             m.d.sync += over.eq(1)
         with m.If(let_in):

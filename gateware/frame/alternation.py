@@ -43,7 +43,8 @@ class Alternation(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         mode = self.settings.ambient_mode
-        state, left = Signal(2, init=LIT), Signal(8)
+        state = Signal(2, init=LIT)
+        left = Signal(8)
         again = Signal()
         m.d.comb += again.eq((state == LIT) & (left != 0))
         following = Mux(mode == AmbientMode.SKIP, state + 1, Mux(state == DARK, LIT, DARK))[:2]

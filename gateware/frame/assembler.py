@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import enum, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -33,6 +33,7 @@ class FrameAssembler(wiring.Component):
     Parameters
     ----------
     max_rows : as in the buffer
+    edge_log : without it no frame has edges
 
     Members
     -------
@@ -40,8 +41,9 @@ class FrameAssembler(wiring.Component):
     o : payloads of ``PacketType.FRAME``
     """
 
-    def __init__(self, max_rows: int) -> None:
+    def __init__(self, max_rows: int, *, edge_log: bool = True) -> None:
         self.max_rows = max_rows
+        self.edge_log = edge_log
         super().__init__({"i": In(FrameReader(max_rows)), "o": Out(Packets)})
 
     @staticmethod
@@ -56,7 +58,8 @@ class FrameAssembler(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         form = Signal(RowForm)
-        edges, rows = Signal(range(MAX_EDGES + 1)), Signal(range(compact_rows(self.max_rows) + 1))
+        edges = Signal(range(MAX_EDGES + 1)) if self.edge_log else Const(0, range(MAX_EDGES + 1))
+        rows = Signal(range(compact_rows(self.max_rows) + 1))
 
         # Word or row of this part, and the next; all stands still while the bytes of one word are sent.
         part = Signal(_Part)
@@ -74,21 +77,25 @@ class FrameAssembler(wiring.Component):
 
         # Whether this is the last of its part, of the frame: registered, there are clocks before it is used.
         of_rows = part == _Part.ROWS
-        part_ended, ended = Signal(), Signal()
-        no_edges, no_rows = Signal(), Signal()
+        part_ended = Signal()
+        ended = Signal()
+        no_edges = Signal(init=not self.edge_log)
+        no_rows = Signal()
         m.d.sync += [no_edges.eq(edges == 0), no_rows.eq(rows == 0)]
         m.d.sync += ended.eq(of_rows | (no_rows & ((part == _Part.EDGES) | no_edges)))
         with m.Switch(part):
             with m.Case(_Part.HEADER):
                 m.d.sync += part_ended.eq(index == HEADER_WORDS - 1)
-            with m.Case(_Part.EDGES):
-                m.d.sync += part_ended.eq(following == edges * EDGE_WORDS)
+            if self.edge_log:
+                with m.Case(_Part.EDGES):
+                    m.d.sync += part_ended.eq(following == edges * EDGE_WORDS)
             with m.Default():
                 m.d.sync += part_ended.eq((following == rows) & (of_row[-1] | ~full))
 
         # The byte that is next, of a row's word or another.
         words = [self.i.row, self.i.word]
-        number, hot = Signal(range(4)), Signal(8)
+        number = Signal(range(4))
+        hot = Signal(8)
         byte = one_of([word.word_select(n, 8) for word in words for n in range(4)], hot)
         last = number == 3
         empty = Signal()  # the row has no line
@@ -109,7 +116,8 @@ class FrameAssembler(wiring.Component):
                 m.next = "Send"
             with m.State("Send"):
                 with m.If(part == _Part.HEADER):
-                    for name, kept in (("form", form), ("edges", edges), ("rows", rows)):
+                    read = {"form": form, "rows": rows} | ({"edges": edges} if self.edge_log else {})
+                    for name, kept in read.items():
                         place = next(at for at, field in FRAME if field.name == name)
                         with m.If(index == place // 32):
                             m.d.sync += kept.eq(self.i.word[place % 32 :])
@@ -131,10 +139,10 @@ class FrameAssembler(wiring.Component):
                             m.d.sync += [index.eq(following), following.eq(following + 1), of_row.eq(1)]
                         with m.If(part_ended):
                             m.d.sync += [index.eq(0), following.eq(1)]
-                            with m.If((part == _Part.HEADER) & ~no_edges):
-                                m.d.sync += part.eq(_Part.EDGES)
-                            with m.Else():
-                                m.d.sync += part.eq(_Part.ROWS)
+                            m.d.sync += part.eq(_Part.ROWS)
+                            if self.edge_log:
+                                with m.If((part == _Part.HEADER) & ~no_edges):
+                                    m.d.sync += part.eq(_Part.EDGES)
                             with m.If(ended):
                                 m.d.comb += self.i.done.eq(1)
                                 m.next = "Wait"

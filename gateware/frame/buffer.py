@@ -28,7 +28,7 @@ class FrameBuffer(wiring.Component):
     ----------
     max_rows : rows of a buffer in the full form, a power of two; in the compact form there are four times as many, up
         to 2048. Rows beyond are left out, and the header says so
-    close_images, fast_clock : as in :class:`~gateware.frame.header.HeaderStore`
+    edge_log, close_images, fast_clock : as in :class:`~gateware.frame.header.HeaderStore`
 
     Members
     -------
@@ -40,6 +40,7 @@ class FrameBuffer(wiring.Component):
     image : sampled at ``frame_end``
     rows, vision : results of the images, in order; ``vision`` as of ``rows.frame_end``
     take : strobe at ``frame_end`` of an image that has a buffer
+    first_is_last : strobe: ``motion.last`` is that of the first row; only looked at without ``close_images``
     taken : strobe for each ``take``, in order and at least 112 clocks apart: its motion is known
     motion : sampled at ``taken``
     edge_index, edge : entry of the edge log as of ``taken``; ``edge`` follows the index by a clock
@@ -50,9 +51,11 @@ class FrameBuffer(wiring.Component):
     reader : the oldest complete frame
     """
 
-    def __init__(self, max_rows: int, *, close_images: bool = True, fast_clock: bool = True) -> None:
-        self.row_store = RowStore(max_rows, fast_clock=fast_clock)
-        self.header_store = HeaderStore(close_images=close_images, fast_clock=fast_clock)
+    def __init__(
+        self, max_rows: int, *, edge_log: bool = True, close_images: bool = True, fast_clock: bool = True
+    ) -> None:
+        self.row_store = RowStore(max_rows, close_images=close_images, fast_clock=fast_clock)
+        self.header_store = HeaderStore(edge_log=edge_log, close_images=close_images, fast_clock=fast_clock)
         self.max_rows = max_rows
         super().__init__(
             {
@@ -65,6 +68,7 @@ class FrameBuffer(wiring.Component):
                 "rows": In(Rows()),
                 "vision": In(VisionFacts),
                 "take": Out(1),
+                "first_is_last": In(1),
                 "taken": In(1),
                 "motion": In(MotionFacts),
                 "edge_index": Out(range(MAX_EDGES)),
@@ -92,9 +96,12 @@ class FrameBuffer(wiring.Component):
         sending = Signal()
 
         moved = Signal()  # since the first pixel of the image before
-        free, gives_way = Signal(), Signal()  # the buffer whose turn it is; the one that waits behind it
-        accepts, accepted = Signal(), Signal()  # an image that begins now has a buffer; the present one has
-        into, filling = Signal(), Signal()  # which
+        free = Signal()  # the buffer whose turn it is
+        gives_way = Signal()  # the one that waits behind it
+        accepts = Signal()  # an image that begins now has a buffer
+        accepted = Signal()  # the present one has
+        into = Signal()  # which buffer the one that begins now has
+        filling = Signal()  # which the present one has
         forms = Signal(2)
         begun = Signal()  # an image, a clock ago
         m.d.comb += [
@@ -116,6 +123,7 @@ class FrameBuffer(wiring.Component):
             header.take.eq(self.take),
             header.ends.eq(filling),
             header.image.eq(self.image),
+            header.first_is_last.eq(self.first_is_last & accepted),
             header.taken.eq(self.taken),
             header.motion.eq(self.motion),
             header.dropped.eq(self.dropped),

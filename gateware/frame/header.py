@@ -19,6 +19,15 @@ _START_WORDS = [
 """Words of the header that are known at the beginning of an image."""
 
 
+def _stamp(when: str) -> range:
+    """Words of the header that are the stamp of a row."""
+    ends = [next(at for at, field in FRAME if field.name == f"{when}_{name}") // 32 for name in ("time", "period")]
+    return range(ends[0], ends[1] + 1)
+
+
+_FIRST, _LAST = _stamp("first"), _stamp("last")
+
+
 class HeaderStore(wiring.Component):
     """Puts the headers of frames together, each in one of two banks, as 32-bit words.
 
@@ -31,9 +40,11 @@ class HeaderStore(wiring.Component):
 
     Parameters
     ----------
-    close_images : an image may begin right after the one before, whose motion is kept for that here. Without it motion
-        stays what it was at ``taken`` for 100 clocks, in which the header is completed where ``filled`` comes no later
-        than 50 after ``taken``; counters that are sampled then may be newer.
+    edge_log : without it no edges are copied
+    close_images : an image may begin right after the one before, of which all is kept for that here. Without it
+        settings, number, rows and motion stay what they were until the header is complete, and only the first row's
+        stamp goes to the memory sooner: by ``first_is_last``. The header is complete 140 clocks after the later of
+        ``taken`` and ``filled`` at most; counters that are sampled then may be newer.
     fast_clock : the word goes through a register behind the memory; without it, it comes a clock sooner
 
     Members
@@ -44,6 +55,8 @@ class HeaderStore(wiring.Component):
     forms : of the images in both banks
     take, ends : strobe: an accepted image ends; its bank
     image : sampled then
+    first_is_last : strobe, in an accepted image of which ``close_images`` is not built: ``motion.last`` is that of the
+        first row, for :data:`~gateware.motion.angle.FIRST_CLOCKS`; ``motion.first`` is not looked at then
     taken : strobe for each ``take``, in order: its motion is known
     motion, dropped, damaged_commands, line_errors : sampled then
     edge_index, edge : entry of the edge log as of ``taken``; ``edge`` follows the index by a clock
@@ -64,6 +77,7 @@ class HeaderStore(wiring.Component):
     take: In(1)
     ends: In(1)
     image: In(ImageFacts)
+    first_is_last: In(1)
     taken: In(1)
     motion: In(MotionFacts)
     dropped: In(32)
@@ -79,7 +93,8 @@ class HeaderStore(wiring.Component):
     index: In(range(WORDS))
     word: Out(32)
 
-    def __init__(self, *, close_images: bool = True, fast_clock: bool = True) -> None:
+    def __init__(self, *, edge_log: bool = True, close_images: bool = True, fast_clock: bool = True) -> None:
+        self.edge_log = edge_log
         self.close_images = close_images
         self.fast_clock = fast_clock
         super().__init__()
@@ -95,54 +110,64 @@ class HeaderStore(wiring.Component):
         else:
             m.d.comb += self.word.eq(read.data)
 
-        started = Signal()  # settings are to be written
-        starting = Signal()  # into this bank
-        with m.If(self.begin):
-            m.d.sync += [started.eq(1), starting.eq(self.into)]
-
-        # What is narrow waits in registers.
-        kept = data.StructLayout({"generation": 16, "detector": 8})
-        starts = [Signal(kept, name=f"start{bank}") for bank in range(2)]
-        images = [Signal(ImageFacts, name=f"image{bank}") for bank in range(2)]
-        for bank in range(2):
-            with m.If(self.take & (self.ends == bank)):
-                m.d.sync += images[bank].eq(self.image)
-
-        due = Signal()  # a header is to be copied
         motion = Signal(MotionFacts)
         dropped = Signal(32)
-        damaged, lost = Signal(16), Signal(16)
+        damaged = Signal(16)
+        lost = Signal(16)
         sampled = [
             motion.eq(self.motion),
             dropped.eq(self.dropped),
             damaged.eq(self.damaged_commands),
             lost.eq(self.line_errors),
         ]
-        if not self.close_images:
-            m.d.comb += sampled
+        due = Signal()  # a header is to be copied
+        copying = Signal()  # its bank
+        started = Signal()  # what is known early is to be written
+        starting = Signal()  # into this bank
+        image = Signal(ImageFacts)
+        rows = Signal(RowFacts)
+        m.d.comb += rows.eq(Mux(copying, self.rows[1], self.rows[0]))
+        kept = data.StructLayout({"generation": 16, "detector": 8})
+        begun = Signal(kept)
+        starts = [Signal(kept, name=f"start{bank}") for bank in range(2)]
         with m.If(self.taken):
             m.d.sync += due.eq(1)
-            if self.close_images:
+        if self.close_images:
+            with m.If(self.begin):
+                m.d.sync += [started.eq(1), starting.eq(self.into)]
+            with m.If(self.taken):
                 m.d.sync += sampled
 
-        # Banks whose motion is to come, the oldest lowest.
-        queue = Signal(2)
-        waiting = Signal(range(3))
-        rest, left = Signal(2), Signal(range(3))
-        m.d.comb += [rest.eq(Mux(self.taken, queue >> 1, queue)), left.eq(waiting - self.taken)]
-        m.d.sync += [queue.eq(rest), waiting.eq(left + self.take)]
-        with m.If(self.take):
-            m.d.sync += queue.bit_select(left[0], 1).eq(self.ends)
+            # What is narrow waits in registers.
+            images = [Signal(ImageFacts, name=f"image{bank}") for bank in range(2)]
+            for bank in range(2):
+                with m.If(self.take & (self.ends == bank)):
+                    m.d.sync += images[bank].eq(self.image)
+            m.d.comb += [
+                begun.eq(Mux(copying, starts[1], starts[0])),
+                image.eq(Mux(copying, images[1], images[0])),
+            ]
 
-        copying = Signal()  # bank
-        with m.If(self.taken):
-            m.d.sync += copying.eq(queue[0])
-        begun, image, rows = Signal(kept), Signal(ImageFacts), Signal(RowFacts)
-        m.d.comb += [
-            begun.eq(Mux(copying, starts[1], starts[0])),
-            image.eq(Mux(copying, images[1], images[0])),
-            rows.eq(Mux(copying, self.rows[1], self.rows[0])),
-        ]
+            # Banks whose motion is to come, the oldest lowest.
+            queue = Signal(2)
+            waiting = Signal(range(3))
+            rest = Signal(2)
+            left = Signal(range(3))
+            m.d.comb += [rest.eq(Mux(self.taken, queue >> 1, queue)), left.eq(waiting - self.taken)]
+            m.d.sync += [queue.eq(rest), waiting.eq(left + self.take)]
+            with m.If(self.take):
+                m.d.sync += queue.bit_select(left[0], 1).eq(self.ends)
+            with m.If(self.taken):
+                m.d.sync += copying.eq(queue[0])
+        else:
+            # One image at a time.
+            m.d.comb += [*sampled, starting.eq(copying), *(begun[name].eq(self.start[name]) for name in kept.members)]
+            with m.If(self.begin):
+                m.d.sync += copying.eq(self.into)
+            with m.If(self.take):
+                m.d.sync += image.eq(self.image)
+            with m.If(self.first_is_last):
+                m.d.sync += started.eq(1)
         flags = {name: image[name] for name in ("speed_in_band", "laser_on", "motor_stopped")} | {
             "index_seen": motion.index_seen,
             "encoder_fault": motion.encoder_fault,
@@ -179,10 +204,12 @@ class HeaderStore(wiring.Component):
         at = Signal(range(2 * WORDS))
         wanted = Signal()
 
-        # One pass goes through all words of the header, and writes those that are known at the beginning or the others.
+        # Words that are known at the beginning go to the memory then, all others at the end. Where motion is not kept
+        # the former are the stamp of the first row, and the latter the words without it.
         step = Signal(range(EDGE_WORDS * MAX_EDGES))  # word of header or log
-        logged = Signal()  # the edges are copied
-        passing, of_start = Signal(), Signal()
+        logged = Signal(init=not self.edge_log)  # the edges are copied
+        passing = Signal()
+        of_start = Signal()
         m.d.comb += [
             self.edge_index.eq(step // EDGE_WORDS),
             passing.eq(hot[:HEADER_WORDS].any()),
@@ -191,46 +218,70 @@ class HeaderStore(wiring.Component):
         m.d.sync += [
             hot.eq(Cat(0, hot[: HEADER_WORDS - 1])),
             write.addr.eq(at),
-            write.en.eq(Mux(passing, of_start == wanted, hot.any())),
             self.complete.eq(0),
         ]
+        if self.close_images:
+            m.d.sync += write.en.eq(Mux(passing, of_start == wanted, hot.any()))
+        else:
+            m.d.sync += [write.en.eq(hot.any()), hot[_FIRST[0]].eq(0), hot[_LAST[0]].eq(0)]
         with m.If(hot.any()):
             m.d.sync += write.data.eq(one_of([words[32 * n : 32 * (n + 1)] for n in range(len(hot))], hot))
         with m.FSM():
             with m.State("Wait"):
-                m.d.sync += step.eq(0)
+                m.d.sync += step.eq(0 if self.close_images else _FIRST[0])
                 with m.If(started):
                     m.next = "Start"
-                with m.Elif(due & ~logged):
-                    m.next = "Edges"
-                with m.Elif(due & self.filled.bit_select(copying, 1)):
-                    m.next = "Header"
+                with m.Elif(due):
+                    if not self.close_images:
+                        m.d.sync += step.eq(0)
+                    if self.edge_log:
+                        with m.If(~logged):
+                            m.next = "Edges"
+                    with m.If(logged & self.filled.bit_select(copying, 1)):
+                        m.next = "Header"
 
             with m.State("Start"):
-                m.d.sync += [started.eq(0), step.eq(step + 1), wanted.eq(1)]
-                m.d.sync += [hot[0].eq(step == 0), at.eq(Cat(step[:_EDGE_BITS], 0, starting))]
-                for bank in range(2):
-                    with m.If(starting == bank):
-                        m.d.sync += [starts[bank][name].eq(self.start[name]) for name in kept.members]
-                with m.If(step == HEADER_WORDS - 1):
+                m.d.sync += [started.eq(0), step.eq(step + 1), at.eq(Cat(step[:_EDGE_BITS], 0, starting))]
+                if self.close_images:
+                    m.d.sync += [wanted.eq(1), hot[0].eq(step == 0)]
+                    for bank in range(2):
+                        with m.If(starting == bank):
+                            m.d.sync += [starts[bank][name].eq(self.start[name]) for name in kept.members]
+                    last = HEADER_WORDS - 1
+                else:
+                    # The words of the last row's stamp, at the place of the first row's.
+                    m.d.sync += hot[_LAST[0]].eq(step == _FIRST[0])
+                    last = _FIRST[-1]
+                with m.If(step == last):
+                    m.next = "Wait" if self.close_images else "Still"
+
+            if not self.close_images:
+                with m.State("Still"):
+                    m.d.sync += hot[_LAST[-1] + 1].eq(0)
                     m.next = "Wait"
 
-            with m.State("Edges"):
-                # The edge follows the index by a clock, as `hot` does.
-                m.d.sync += [step.eq(step + 1), at.eq(Cat(step[:_EDGE_BITS], 1, copying))]
-                m.d.sync += hot[HEADER_WORDS:].eq(Cat(~step[0], step[0]))
-                with m.If(step == EDGE_WORDS * MAX_EDGES - 1):
-                    m.d.sync += logged.eq(1)
-                    m.next = "Wait"
+            if self.edge_log:
+                with m.State("Edges"):
+                    # The edge follows the index by a clock, as `hot` does.
+                    m.d.sync += [step.eq(step + 1), at.eq(Cat(step[:_EDGE_BITS], 1, copying))]
+                    m.d.sync += hot[HEADER_WORDS:].eq(Cat(~step[0], step[0]))
+                    with m.If(step == EDGE_WORDS * MAX_EDGES - 1):
+                        m.d.sync += logged.eq(1)
+                        m.next = "Wait"
 
             with m.State("Header"):
                 m.d.sync += [step.eq(step + 1), wanted.eq(0)]
                 m.d.sync += [hot[0].eq(step == 0), at.eq(Cat(step[:_EDGE_BITS], 0, copying))]
+                if not self.close_images:
+                    with m.If(step == _FIRST[0] - 1):
+                        m.d.sync += step.eq(_LAST[0])
+                    m.d.sync += hot[_LAST[0]].eq(step == _LAST[0])
                 with m.If(step == HEADER_WORDS - 1):
                     m.next = "Complete"
 
             with m.State("Complete"):
-                m.d.sync += [self.complete.eq(1), self.complete_bank.eq(copying), due.eq(0), logged.eq(0)]
+                m.d.sync += [self.complete.eq(1), self.complete_bank.eq(copying), due.eq(0)]
+                m.d.sync += logged.eq(not self.edge_log)
                 m.next = "Wait"
 
         return m

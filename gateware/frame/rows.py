@@ -33,6 +33,8 @@ class RowStore(wiring.Component):
     Parameters
     ----------
     max_rows : full rows of a bank, a power of two
+    close_images : without it ``facts`` are kept of one image: they are those of the last accepted one in either bank,
+        and ``vision`` is not kept at all, which then has to stay until the next ``rows.frame_end``
     fast_clock : the word goes through a register behind the memory; without it, it comes a clock sooner
 
     Members
@@ -53,10 +55,11 @@ class RowStore(wiring.Component):
         ``max_rows`` is no power of two.
     """
 
-    def __init__(self, max_rows: int, *, fast_clock: bool = True) -> None:
+    def __init__(self, max_rows: int, *, close_images: bool = True, fast_clock: bool = True) -> None:
         if max_rows < 2 or max_rows & (max_rows - 1):
             raise ValueError(f"max_rows is {max_rows}; a power of two is needed, at least 2")
         self.max_rows = max_rows
+        self.close_images = close_images
         self.fast_clock = fast_clock
         super().__init__(
             {
@@ -109,8 +112,12 @@ class RowStore(wiring.Component):
         due = Signal()  # there are rows to be written
         bare = Signal()  # nothing is kept of the last one
         hot = Signal(ROW_WORDS)  # the word of `kept` that is written
-        room, reached, comes, fills = Signal(), Signal(), Signal(), Signal()
-        lost, unwritten = Signal(), Signal()
+        room = Signal()
+        reached = Signal()
+        comes = Signal()
+        fills = Signal()
+        lost = Signal()
+        unwritten = Signal()
         m.d.comb += [
             unwritten.eq(due | hot.any()),
             room.eq(~Mux(full, row[low:].any(), row[(most - 1).bit_length()])),
@@ -156,13 +163,13 @@ class RowStore(wiring.Component):
         with m.If(finished):
             m.d.sync += [row.eq(0), lost.eq(0), due.eq(0), hot.eq(0)]
             with m.If(queue[0].accepted):
-                for bank, facts in enumerate(self.facts):
-                    with m.If(filling == bank):
-                        m.d.sync += [
-                            facts.vision.eq(self.vision),
-                            facts.rows.eq(row),
-                            facts.lost.eq(lost | unwritten | self.vision.errors.rows),
-                        ]
+                for bank, facts in enumerate(self.facts if self.close_images else self.facts[:1]):
+                    with m.If((filling == bank) | (not self.close_images)):
+                        m.d.sync += [facts.rows.eq(row), facts.lost.eq(lost | unwritten | self.vision.errors.rows)]
+                        if self.close_images:
+                            m.d.sync += facts.vision.eq(self.vision)
+        if not self.close_images:
+            m.d.comb += [self.facts[0].vision.eq(self.vision), self.facts[1].eq(self.facts[0])]
 
         m.d.comb += [read.addr.eq(Cat(self.index, self.bank)), read.en.eq(1)]
         if self.fast_clock:

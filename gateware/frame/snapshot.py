@@ -72,7 +72,8 @@ class Snapshot(wiring.Component):
         m = Module()
         # A slot that is being written may be read too, but nothing comes of that: it waits to be complete.
         m.submodules.memory = memory = BlockRam(8 * _WORD_BYTES, SLOTS * SLOT_WORDS, registered=True)
-        stored, sent = Signal(), Signal()
+        stored = Signal()
+        sent = Signal()
         filled = Signal(range(SLOTS + 1))
         free = Signal()  # a clock late: between two pieces there are more
         m.d.sync += [filled.eq(filled + stored - sent), free.eq(filled != SLOTS)]
@@ -84,15 +85,21 @@ class Snapshot(wiring.Component):
         """Pixels into slots; ``stored``: one more is complete."""
         settings = self.settings
         state = Signal(_State)
-        number, source, step = Signal(8), Signal(SnapshotSource), Signal(6)
-        column_last, row_first, row_last = Signal(12), Signal(12), Signal(12)
+        number = Signal(8)
+        source = Signal(SnapshotSource)
+        step = Signal(6)
+        column_last = Signal(12)
+        row_first = Signal(12)
+        row_last = Signal(12)
         started = Signal()
         m.d.comb += [started.eq(settings.snapshot != number), self.busy.eq(state != _State.IDLE)]
 
         # The pixel in question, and where it stands.
         place = data.StructLayout({"row_first": 1, "row_last": 1, "frame_first": 1, "fault": 1})
         raw, measured = self.raw, self.measured
-        coming, colour, comes = Signal(place), Signal(8 * _WORD_BYTES), Signal()
+        coming = Signal(place)
+        colour = Signal(8 * _WORD_BYTES)
+        comes = Signal()
         with m.If(source == SnapshotSource.RAW):
             m.d.comb += [comes.eq(raw.valid), colour.eq(Cat(raw.p.r, raw.p.g, raw.p.b))]
             m.d.comb += [coming[name].eq(raw.p[name]) for name, _ in place]
@@ -100,9 +107,16 @@ class Snapshot(wiring.Component):
             grey = Mux(source == SnapshotSource.GATE, measured.p.gate.replicate(8), measured.p.weight)
             m.d.comb += [comes.eq(measured.valid), colour.eq(Cat(grey, raw.p.g, raw.p.b))]  # two bytes mean nothing
             m.d.comb += [coming[name].eq(measured.p[name]) for name, _ in place]
-        pixel, pixel_colour, valid = Signal(place), Signal(8 * _WORD_BYTES), Signal()
-        at_row, at_column, fault = Signal(12), Signal(12), Signal()  # the row broke the contract so far
-        came, came_pixel, came_colour = Signal(), Signal(place), Signal(8 * _WORD_BYTES)  # a clock before
+        pixel = Signal(place)
+        pixel_colour = Signal(8 * _WORD_BYTES)
+        valid = Signal()
+        at_row = Signal(12)
+        at_column = Signal(12)
+        fault = Signal()  # the row broke the contract so far
+        # What comes, a clock before.
+        came = Signal()
+        came_pixel = Signal(place)
+        came_colour = Signal(8 * _WORD_BYTES)
         m.d.sync += [came.eq(comes), came_pixel.eq(coming), came_colour.eq(colour)]
         m.d.sync += [valid.eq(came), pixel.eq(came_pixel), pixel_colour.eq(came_colour)]
         with m.If(valid):
@@ -113,28 +127,41 @@ class Snapshot(wiring.Component):
                 m.d.sync += at_row.eq(Mux(coming.frame_first, 0, at_row + 1))
 
         # Places are known from the first image on that begins after the source was chosen.
-        begins, settled, seen = Signal(), Signal(2), Signal()
-        frame, generation = Signal(32), Signal(16)
+        begins = Signal()
+        settled = Signal(2)
+        seen = Signal()
+        frame = Signal(32)
+        generation = Signal(16)
         m.d.comb += begins.eq(valid & pixel.frame_first & settled.all())
         m.d.sync += settled.eq(Cat(~started, settled))
         with m.If(begins):
             m.d.sync += [frame.eq(self.frame), generation.eq(self.generation), seen.eq(1)]
 
         # The piece in question: a row of a strip.
-        slot, count = Signal(range(SLOTS)), Signal(7)
-        row, strip, column = Signal(12), Signal(12), Signal(12)  # row, first column and next column
+        slot = Signal(range(SLOTS))
+        count = Signal(7)
+        row = Signal(12)
+        strip = Signal(12)  # its first column
+        column = Signal(12)  # the next one
         following = Signal(12)  # the one after that
         next_strip = Signal(12)
         finishing = Signal()
         ended = Signal()  # no strip follows; also as long as this one has no row
-        due, there = Signal(), Signal()  # the row was to come in this image; it did
+        due = Signal()  # the row was to come in this image
+        there = Signal()  # it did
         over = Signal()  # the image has no such row
         narrow = Signal()  # the strip has not come in this row, all of which was seen
-        in_row, hit, border = Signal(), Signal(), Signal()
+        in_row = Signal()
+        hit = Signal()
+        border = Signal()
         # Places are compared a clock ahead, columns with both of what may be next by then. Rows and strips change at
         # least a clock before a pixel is waited for.
-        takes, taken = Signal(), Signal()
-        of_row, at_next, at_following, at_border = Signal(), Signal(), Signal(), Signal()
+        takes = Signal()
+        taken = Signal()
+        of_row = Signal()
+        at_next = Signal()
+        at_following = Signal()
+        at_border = Signal()
         m.d.sync += [
             of_row.eq(came & (at_row == row)),
             at_next.eq(at_column == column),
@@ -155,7 +182,8 @@ class Snapshot(wiring.Component):
         ):
             m.d.comb += header[name].eq(value)
         m.d.comb += takes.eq(hit & ((state == _State.TAKE) | ((state == _State.WANT) & free)))
-        heads, plain = Signal(_HEADER_WORDS), Signal(init=1)  # the word of the header that is written; none is
+        heads = Signal(_HEADER_WORDS)  # the word of the header that is written
+        plain = Signal(init=1)  # none is
         heading = heads.any()
         m.d.sync += [
             write.en.eq(takes | heading),
@@ -234,12 +262,15 @@ class Snapshot(wiring.Component):
 
     def _send(self, m, read, ready, sent):
         """Slots into payloads; ``sent``: one is free again."""
-        slot, index = Signal(range(SLOTS)), Signal(range(SLOT_WORDS))
+        slot = Signal(range(SLOTS))
+        index = Signal(range(SLOT_WORDS))
         fetched = read.data
         hot = Signal(_WORD_BYTES)  # the byte of it that is next
         only = Signal()  # the first one counts
         pixels = Signal(7)  # from the header's last word on: to come, with this one
-        raw, in_header, ends = Signal(), Signal(), Signal()
+        raw = Signal()
+        in_header = Signal()
+        ends = Signal()
         m.d.comb += [
             read.addr.eq(Cat(index, slot)),
             read.en.eq(1),

@@ -46,7 +46,8 @@ class CobsEncoder(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        full, lasts = Signal(2), Signal(2, init=1)  # the packet's last block
+        full = Signal(2)
+        lasts = Signal(2, init=1)  # the packet's last block
         bits = self.block.bit_length()  # of an address within a bank
         # A bank that is being written is not read: it is not full.
         m.submodules.memory = memory = BlockRam(8, 2 << bits)
@@ -55,7 +56,8 @@ class CobsEncoder(wiring.Component):
         # Collect. A code byte says where the next zero was, counted from itself: 1 to 255.
         bank = Signal(init=1)
         code = Signal(8, init=1)  # of the block so far: its bytes + 1
-        closing, ends = Signal(), Signal()  # the code is to be written; the packet ends here
+        closing = Signal()  # the code is to be written
+        ends = Signal()  # the packet ends here
         tail = Signal()  # a zero was the packet's last byte: an empty block must follow
         zero = self.i.payload.data == 0
         free = Signal()
@@ -82,7 +84,9 @@ class CobsEncoder(wiring.Component):
         taking = Signal()  # the bank that leaves; at first there is none, but its delimiter
         at = Signal(range(self.block + 2))  # next byte of it: 0 is the code byte
         leaving = Signal(8)  # its code, or 255 until that is known
-        first, last, at_end = Signal(), Signal(), Signal()
+        first = Signal()
+        last = Signal()
+        at_end = Signal()
         fetched = Signal()
         able = self.o.ready | ~self.o.valid
         m.d.comb += [

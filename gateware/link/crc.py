@@ -58,7 +58,8 @@ class Crc32(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        register, index = Signal(32, init=_START), Signal(self.bits)
+        register = Signal(32, init=_START)
+        index = Signal(self.bits)
         m.d.comb += [
             index.eq(Mux(self.shift, 0, register ^ self.data)),
             self.crc.eq(~register),

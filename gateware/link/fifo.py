@@ -49,9 +49,12 @@ class PacketFifo(wiring.Component):
         m = Module()
         # Where one is read another is written: at equal addresses it is empty, and nothing is read.
         m.submodules.memory = memory = BlockRam(Packet, self.depth)
-        to, from_ = Signal(range(self.depth), init=1), Signal(range(self.depth), init=1)
-        takes, gives = Signal(), Signal()
-        fetched, moves = Signal(), Signal()  # a byte is at the memory's output; it goes on
+        to = Signal(range(self.depth), init=1)
+        from_ = Signal(range(self.depth), init=1)
+        takes = Signal()
+        gives = Signal()
+        fetched = Signal()  # a byte is at the memory's output
+        moves = Signal()  # it goes on
 
         def following(address):
             return Cat(address[-1] ^ address[_TAPS[len(address)] - 1], address[:-1])

@@ -43,7 +43,8 @@ class Gap(wiring.Component):
         m = Module()
 
         # Clocks from one byte to the next, where it waited all the time, and one more.
-        since, byte_clocks = Signal(_BYTE_BITS, init=2), Signal(_BYTE_BITS, init=(1 << _BYTE_BITS) - 1)
+        since = Signal(_BYTE_BITS, init=2)
+        byte_clocks = Signal(_BYTE_BITS, init=(1 << _BYTE_BITS) - 1)
         steady = Signal()
         m.d.sync += steady.eq((steady | self.moved) & self.waits)
         with m.If(self.moved):
@@ -55,11 +56,16 @@ class Gap(wiring.Component):
 
         # Frames: what happened since the last turn, and what of it this turn knows.
         tick = Signal(range(TICK))
-        turns, first, end = Signal(), Signal(), Signal()
+        turns = Signal()
+        first = Signal()
+        end = Signal()
         place = tick[: (_TICKS_BITS - 1).bit_length()]
         m.d.comb += [turns.eq(tick[len(place) :] == 0), first.eq(place == 0), end.eq(turns & place.all())]
-        within, began, over = Signal(), Signal(), Signal()
-        storing, clearing = Signal(), Signal()
+        within = Signal()
+        began = Signal()
+        over = Signal()
+        storing = Signal()
+        clearing = Signal()
         m.d.sync += tick.eq(tick + 1)
         with m.If(~turns):
             m.d.sync += [storing.eq(began), clearing.eq(over)]
@@ -74,9 +80,14 @@ class Gap(wiring.Component):
 
         # Ticks since the last frame was out, and how many there were between the two before. In a turn each bit of them
         # is at the lowest place once.
-        elapsed, gap, before = Signal(_TICKS_BITS), Signal(_TICKS_BITS), Signal(_TICKS_BITS)
-        counted, stored, stored_before = Signal(), Signal(), Signal()
-        carry, full = Signal(), Signal()  # of the bits so far: they are counted up; they are all set
+        elapsed = Signal(_TICKS_BITS)
+        gap = Signal(_TICKS_BITS)
+        before = Signal(_TICKS_BITS)
+        counted = Signal()
+        stored = Signal()
+        stored_before = Signal()
+        carry = Signal()  # of the bits so far: they are counted up
+        full = Signal()  # they are all set
         m.d.comb += [
             counted.eq((elapsed[0] ^ carry) & ~clearing),
             stored.eq(Mux(storing, elapsed[0], gap[0])),
@@ -95,8 +106,13 @@ class Gap(wiring.Component):
 
         # A piece takes byte_clocks * PIECE_BYTES / TICK ticks; two more because both times are rounded.
         assert PIECE_BYTES == 2 * TICK
-        above, piece, summed = Signal(), Signal(), Signal(2)
-        fits, fits_before, early, long_ = Signal(), Signal(), Signal(), Signal()
+        above = Signal()
+        piece = Signal()
+        summed = Signal(2)
+        fits = Signal()
+        fits_before = Signal()
+        early = Signal()
+        long_ = Signal()
         m.d.comb += [
             piece.eq(Cat(0, byte_clocks, Const(0, _TICKS_BITS - 1 - _BYTE_BITS)).bit_select(place, 1)),
             summed.eq(counted + piece + (above & ~first)),

@@ -72,11 +72,15 @@ class PacketSender(wiring.Component):
         sequence = Signal(16)
         carry = Signal(init=1)
         number = Signal(range(CRC.size))  # of the byte within sequence number or CRC
-        byte, valid = Signal(8), Signal()
-        moved, in_crc = Signal(), Signal()
+        byte = Signal(8)
+        valid = Signal()
+        moved = Signal()
+        in_crc = Signal()
         last = Signal()  # byte of the payload
         # The lower half of a byte goes to the CRC as it moves, the upper half a clock later, before the next byte.
-        later, upper, upper_of_crc = Signal(), Signal(4), Signal()
+        later = Signal()
+        upper = Signal(4)
+        upper_of_crc = Signal()
         m.d.comb += [
             self.o.valid.eq(valid & ~later),
             self.o.payload.data.eq(byte),
@@ -178,7 +182,8 @@ class PacketReceiver(wiring.Component):
         bit = Signal(3)  # of the byte at the input
         packet = data.View(data.StructLayout({"type": 8, "sequence": 16, "command": struct(protocol.COMMAND)}), bytes_)
         damaged = Signal()
-        known, right = Signal(), Signal()
+        known = Signal()
+        right = Signal()
         moves = Signal()
         m.d.comb += [
             crc.data.eq(self.i.payload.data.bit_select(bit, 1)),

@@ -16,6 +16,9 @@ from ..layouts import Edge
 from ..memory import BlockRam
 from .quadrature import UNKNOWN, Move
 
+FIRST_CLOCKS = 8
+"""How long the first row's stamp can be taken from :class:`AngleLatch` where it is not kept."""
+
 
 class AngleStamp(data.Struct):
     """Time, and the decoder's ``count``, ``age`` and ``period`` at that time."""
@@ -37,8 +40,15 @@ class AngleLatch(wiring.Component):
     row_first : strobe, column 0 of a row
     frame_first : strobe along with it, the row is the first one of its image
     now : state of the encoder
-    first : at the last ``frame_first``
+    first : at the last ``frame_first``; without ``keep_first`` 0
     last : at the last ``row_first``
+    first_is_last : strobe, a clock after ``frame_first``: ``last`` is the first row's stamp
+
+    Parameters
+    ----------
+    keep_first : without it the first row's stamp is not kept: whoever needs it takes it from ``last`` within
+        :data:`FIRST_CLOCKS` from ``first_is_last`` on. A row that begins sooner, far from any contract of the camera,
+        is not latched
     """
 
     row_first: In(1)
@@ -46,6 +56,11 @@ class AngleLatch(wiring.Component):
     now: In(AngleStamp)
     first: Out(AngleStamp)
     last: Out(AngleStamp)
+    first_is_last: Out(1)
+
+    def __init__(self, *, keep_first: bool = True) -> None:
+        self.keep_first = keep_first
+        super().__init__()
 
     @staticmethod
     def reference(time: int, moves: Sequence[Move]) -> dict[str, int]:
@@ -60,10 +75,15 @@ class AngleLatch(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        with m.If(self.row_first):
+        left = Signal(range(FIRST_CLOCKS))  # clocks in which `last` stays
+        m.d.sync += self.first_is_last.eq(self.frame_first)
+        with m.If(self.row_first & (self.frame_first | (left == 0))):
             m.d.sync += self.last.eq(self.now)
         with m.If(self.frame_first):
-            m.d.sync += self.first.eq(self.now)
+            m.d.sync += self.first.eq(self.now) if self.keep_first else left.eq(FIRST_CLOCKS - 1)
+        if not self.keep_first:
+            with m.If(~self.frame_first & (left != 0)):
+                m.d.sync += left.eq(left - 1)
         return m
 
 
@@ -156,7 +176,8 @@ class EdgeLog(wiring.Component):
 
         bank = Signal()
         # Within the horizon lie at most 2**horizon_bits edges, and shift is less than horizon_bits.
-        used, shift = Signal.like(self.entries), Signal(range(max(self.horizon_bits, 4)))
+        used = Signal.like(self.entries)
+        shift = Signal(range(max(self.horizon_bits, 4)))
         # Edges so far, and the bits of that number that are 0 at an entry: 2**shift - 1, soon made one longer.
         number = Signal(max(self.horizon_bits - 4, 1))
         mask = Signal.like(number)
@@ -164,7 +185,8 @@ class EdgeLog(wiring.Component):
         expired = Signal()
         begin = Signal()
         full = Signal()
-        used_now, shift_now = Signal.like(used), Signal.like(shift)
+        used_now = Signal.like(used)
+        shift_now = Signal.like(shift)
         m.d.comb += [
             expired.eq(age[-1]),
             begin.eq(self.take | expired),
@@ -181,7 +203,8 @@ class EdgeLog(wiring.Component):
             m.d.comb += [used_now.eq(used), shift_now.eq(shift)]
 
         # The memory is written a clock later: before anything can be read after `take`.
-        entry, due = Signal(slot_bits), Signal()
+        entry = Signal(slot_bits)
+        due = Signal()
         m.d.comb += [entry.eq(used_now), due.eq(self.edge & (begin | ~(number & mask).any()))]
         m.d.sync += [
             write.addr.eq(Cat(slot(entry, shift_now), bank ^ self.take)),

@@ -99,8 +99,11 @@ class Align(wiring.Component):
         depth = 1 << write_bits  # twice the longest delay: the two ports never meet
         m.submodules.memory = memory = BlockRam(self.width, depth)
         write, read = memory.write, memory.read
-        distance, behind = Signal(LENGTH_BITS), Signal(signed(write_bits + 1))
-        full, fresh, taken = Signal(), Signal(), Signal()
+        distance = Signal(LENGTH_BITS)
+        behind = Signal(signed(write_bits + 1))
+        full = Signal()
+        fresh = Signal()
+        taken = Signal()
         word = Signal(self.width)  # with nothing between, so that it can stand next to a slow block RAM
         m.d.comb += [
             distance.eq(self.length | (self.length == 0)),

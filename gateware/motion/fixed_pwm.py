@@ -38,15 +38,24 @@ class FixedPwm(wiring.Component):
 
     def elaborate(self, platform: object) -> Module:
         m = Module()
-        position, high, following = Signal(_BITS, init=PERIOD - 32), Signal(_BITS), Signal(_BITS)
-        end, middle = Signal(), Signal()
+        position = Signal(_BITS, init=PERIOD - 32)
+        high = Signal(_BITS)
+        following = Signal(_BITS)
+        end = Signal()
+        middle = Signal()
         m.d.comb += [end.eq(position.all()), middle.eq(position == PERIOD // 2 - 1)]
         m.d.sync += position.eq(position + 1)
 
         # Taken at the start of a period, for the next one.
-        moving, next_backward, next_antiphase = Signal(), Signal(), Signal()
-        reversing, blocked, backward, antiphase = Signal(), Signal(), Signal(), Signal()
-        magnitude, raised = Signal(15), Cat(self.duty[:15], ~self.duty[15])  # raised: duty + 2**15
+        moving = Signal()
+        next_backward = Signal()
+        next_antiphase = Signal()
+        reversing = Signal()
+        blocked = Signal()
+        backward = Signal()
+        antiphase = Signal()
+        magnitude = Signal(15)
+        raised = Cat(self.duty[:15], ~self.duty[15])  # duty + 2**15
         m.d.comb += magnitude.eq(Mux(self.duty < 0, -self.duty, self.duty))
         with m.If(end):
             turn = moving & (next_backward != backward) & ~next_antiphase
@@ -62,7 +71,8 @@ class FixedPwm(wiring.Component):
         with m.Elif(reversing & middle):
             m.d.sync += backward.eq(~backward)
 
-        stop, within = self.brake | ~self.enable, Signal()
+        stop = self.brake | ~self.enable
+        within = Signal()
         m.d.comb += within.eq(position < high)
         with m.If(stop):
             m.d.sync += blocked.eq(1)

@@ -126,9 +126,13 @@ class Index(wiring.Component):
         m = Module()
 
         # Whether the level has lasted as long as it must: known a clock ahead, for the case that it stays.
-        last, clocks = Signal(), Signal(LENGTH_BITS + 1, init=3)  # two ahead
-        same, settled = Signal(), Signal()
-        at_once, by_staying = Signal(), Signal()
+        last = Signal()
+        # Two clocks ahead.
+        clocks = Signal(LENGTH_BITS + 1, init=3)
+        same = Signal()
+        settled = Signal()
+        at_once = Signal()
+        by_staying = Signal()
         m.d.comb += [
             same.eq(self.level == last),
             settled.eq(Mux(same, by_staying, at_once)),
@@ -142,8 +146,11 @@ class Index(wiring.Component):
             m.d.sync += [by_staying.eq(self.debounce <= 2), clocks.eq(3)]
 
         # The direction in which the barrier would be crossed now.
-        known, crossed = Signal(), Signal()
-        known_now, crossed_now, backward_now = Signal(), Signal(), Signal()
+        known = Signal()
+        crossed = Signal()
+        known_now = Signal()
+        crossed_now = Signal()
+        backward_now = Signal()
         m.d.comb += [
             known_now.eq(known | self.edge),
             crossed_now.eq(crossed & ~self.edge),
@@ -152,10 +159,17 @@ class Index(wiring.Component):
         m.d.sync += [known.eq(known_now), crossed.eq(crossed_now)]
 
         # The first change, kept until it is confirmed or turns out to be none.
-        started, stable, pending = Signal(), Signal(), Signal()
-        changed, first, confirmed = Signal(), Signal(), Signal()
-        kept_time, kept_count = Signal(48), Signal(signed(32))
-        kept_backward, kept_known, kept_here = Signal(), Signal(), Signal()
+        started = Signal()
+        stable = Signal()
+        pending = Signal()
+        changed = Signal()
+        first = Signal()
+        confirmed = Signal()
+        kept_time = Signal(48)
+        kept_count = Signal(signed(32))
+        kept_backward = Signal()
+        kept_known = Signal()
+        kept_here = Signal()
         m.d.comb += [
             changed.eq(started & (self.level != stable)),
             first.eq(changed & ~pending),
@@ -181,18 +195,22 @@ class Index(wiring.Component):
                 crossed.eq(crossed_now ^ (first | (kept_here & ~self.edge))),
             ]
 
-        backward, passing = Signal(), Signal()
+        backward = Signal()
+        passing = Signal()
         m.d.comb += [
             backward.eq(Mux(first, backward_now, kept_backward)),
             passing.eq(confirmed & Mux(first, known_now, kept_known) & (self.level ^ self.invert ^ backward)),
         ]
         # A clock later what is kept is that of the pass, also where it was confirmed at once.
-        latching, latching_backward = Signal(), Signal()
+        latching = Signal()
+        latching_backward = Signal()
         m.d.sync += [latching.eq(passing), latching_backward.eq(backward), self.passed.eq(latching)]
         taken = Signal()  # the first pass of the policy is over
         with m.If(self.policy != IndexPolicy.FIRST):
             m.d.sync += taken.eq(0)
-        moved, turn, forward = Signal(signed(32)), Signal(signed(25)), Signal()
+        moved = Signal(signed(32))
+        turn = Signal(signed(25))
+        forward = Signal()
         with m.If(latching):
             with m.If((self.policy == IndexPolicy.RESET) | ((self.policy == IndexPolicy.FIRST) & ~taken)):
                 m.d.sync += self.zero_count.eq(kept_count)
@@ -212,7 +230,8 @@ class Index(wiring.Component):
                 m.d.sync += [forward.eq(0), turn.eq(0)]
 
         # The check has one addition a clock: counts since the pass before, less the turn, compared with zero.
-        compare, check = Signal(), Signal()
+        compare = Signal()
+        check = Signal()
         m.d.sync += [compare.eq(latching & self.seen & (self.counts_per_turn != 0)), check.eq(compare)]
         with m.If(compare):
             m.d.sync += self.difference.eq((Cat(1, moved) + Cat(forward, turn).as_signed())[1:])

@@ -145,7 +145,8 @@ class Interlock(wiring.Component):
         m.d.sync += sampled.eq(self.interlock)
 
         # The counters are compared a clock later.
-        heard, alive = self._heard, Signal()
+        heard = self._heard
+        alive = Signal()
         silent, waited = self._silent, self._waited
         m.d.sync += [
             heard.eq(heard | self.renew),
@@ -156,7 +157,10 @@ class Interlock(wiring.Component):
         with m.If(self.renew):
             m.d.sync += silent.eq(-1)
 
-        armed, emitting, ripe, permitted = Signal(), self._emitting, Signal(), Signal()
+        armed = Signal()
+        emitting = self._emitting
+        ripe = Signal()
+        permitted = Signal()
         m.d.sync += permitted.eq(self.permitted)
         m.d.comb += ripe.eq(~(Cat(1, waited) + Cat(1, self.delay_ms))[-1])
         with m.If(self.tick & waited[-1]):

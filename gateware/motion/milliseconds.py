@@ -23,7 +23,8 @@ class Milliseconds(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         # One addition a clock, and the sign is the comparison. After `clock_hz` is added, 1000 is taken away twice.
-        rest, change = Signal(signed(34)), Signal(signed(34))
+        rest = Signal(signed(34))
+        change = Signal(signed(34))
         full = Signal()
         m.d.comb += full.eq((rest < 0) & ~self.tick)
         m.d.sync += [

@@ -38,7 +38,8 @@ class Motion(wiring.Component):
 
     Parameters
     ----------
-    features : ``speed_loop`` and ``edge_log`` count. Without speed loop the motor is an
+    features : ``speed_loop``, ``edge_log`` and ``close_images`` count; without the last one ``first`` stays 0. Without
+        speed loop the motor is an
         :class:`~gateware.motion.open_loop.OpenLoop`, no program is built, speed, state and cause of the motor stay 0,
         and ``laser_conditions`` may not ask for them
 
@@ -55,6 +56,7 @@ class Motion(wiring.Component):
     shutter : the laser may shine, if all else permits it too
     take, taken : strobes, the edge log of an image is wanted; is ready to be read
     first, last : latches of the first and the last row
+    first_is_last : strobe: ``last`` is that of the first row, see :class:`~gateware.motion.angle.AngleLatch`
     encoder_fault : an illegal transition, or a wrong turn, between the last two ``take``
     edges, edge_shift : entries of the edge log, and which edges they are; 0 without a log
     edge_index, edge : entry to read; the entry, a clock later
@@ -91,6 +93,7 @@ class Motion(wiring.Component):
     taken: Out(1)
     first: Out(AngleStamp)
     last: Out(AngleStamp)
+    first_is_last: Out(1)
     encoder_fault: Out(1)
     edges: Out(range(MAX_EDGES + 1))
     edge_shift: Out(8)
@@ -151,7 +154,8 @@ class Motion(wiring.Component):
         row_first, frame_first, take, barrier = align.o
 
         # The time at which the pins were what is seen now: less than the time by the latency, which may change.
-        late, late_before = Signal(LENGTH_BITS, init=1), Signal(LENGTH_BITS, init=1)
+        late = Signal(LENGTH_BITS, init=1)
+        late_before = Signal(LENGTH_BITS, init=1)
         jump = Signal(signed(LENGTH_BITS + 1))
         then = Signal(48, init=-Quadrature.latency(1) & (1 << 48) - 1)
         m.d.sync += [
@@ -183,7 +187,7 @@ class Motion(wiring.Component):
             self.encoder_errors.turns.eq(index.turns),
         ]
 
-        m.submodules.latch = latch = AngleLatch()
+        m.submodules.latch = latch = AngleLatch(keep_first=self.features.close_images)
         m.d.comb += [
             latch.row_first.eq(row_first),
             latch.frame_first.eq(frame_first),
@@ -193,6 +197,7 @@ class Motion(wiring.Component):
             latch.now.period.eq(encoder.period),
             self.first.eq(latch.first),
             self.last.eq(latch.last),
+            self.first_is_last.eq(latch.first_is_last),
         ]
 
         if self.features.edge_log:
@@ -209,7 +214,8 @@ class Motion(wiring.Component):
                 self.edge.eq(log.entry),
             ]
 
-        fault, fault_now = Signal(), Signal()
+        fault = Signal()
+        fault_now = Signal()
         m.d.comb += fault_now.eq(fault | encoder.illegal | index.wrong)
         m.d.sync += [self.taken.eq(take), fault.eq(fault_now & ~take)]
         with m.If(take):
@@ -223,9 +229,12 @@ class Motion(wiring.Component):
             self._open_loop(m)
 
         # Light needs what is asked for of speed and angle, and an image that is to be lit.
-        asked, state, permitted = settings.laser_conditions, self.motor_state, Signal()
+        asked = settings.laser_conditions
+        state = self.motor_state
+        permitted = Signal()
         m.d.comb += permitted.eq(self.shutter & (~asked[0] | state.in_band) & (~asked[1] | state.in_sector))
-        whole, steady = Signal(), Signal()
+        whole = Signal()
+        steady = Signal()
         safety = Signal(data.StructLayout(dict.fromkeys(SAFETY, 8)))
         m.d.comb += [
             milliseconds.clock_hz.eq(self.clock_hz),

@@ -163,7 +163,9 @@ class MotorControl(wiring.Component):
         wiring.connect(m, wiring.flipped(self.write), sequencer.write)
         value, output = sequencer.value, sequencer.output
 
-        closed, driven, active = Signal(), Signal(), Signal()  # the speed is controlled; the motor moves; it may
+        closed = Signal()  # the speed is controlled
+        driven = Signal()  # the motor moves
+        active = Signal()  # it may
         stopped = self.state.stopped
         m.d.comb += [
             closed.eq((mode == MotorMode.SPEED) | (mode == MotorMode.SWEEP) | (mode == MotorMode.SEARCH)),
@@ -172,9 +174,12 @@ class MotorControl(wiring.Component):
         ]
 
         # What has been since the last tick that was seen.
-        ticked, moved = Signal(), Signal()
-        backward_wanted, moving = Signal(), Signal()
-        before, chatter = Signal(), Signal(range(CHATTER + 1))
+        ticked = Signal()
+        moved = Signal()
+        backward_wanted = Signal()
+        moving = Signal()
+        before = Signal()
+        chatter = Signal(range(CHATTER + 1))
         with m.If(~moving):
             m.d.sync += chatter.eq(0)
         with m.Elif(self.edge):
@@ -204,7 +209,8 @@ class MotorControl(wiring.Component):
                 m.d.sync += illegals.eq(illegals + 1)
 
         # Two wrong turns in a millisecond are one that no tolerance allows; each may be followed by a right one.
-        difference, again = Signal(signed(32), reset_less=True), Signal()
+        difference = Signal(signed(32), reset_less=True)
+        again = Signal()
         m.d.comb += again.eq(self.wrong & been["wrong"] & ~(self.sampled & ticked))
         with m.If(self.wrong):
             m.d.sync += difference.eq(self.difference)
@@ -253,7 +259,9 @@ class MotorControl(wiring.Component):
             m.d.sync += duty.eq(0)
         with m.Elif(output.duty & ~been["opened"]):
             m.d.sync += duty.eq(value)
-        was_driven, starts, fails = Signal(), Signal(), Signal()
+        was_driven = Signal()
+        starts = Signal()
+        fails = Signal()
         m.d.sync += was_driven.eq(driven)
         m.d.comb += [
             starts.eq(driven & ~was_driven),

@@ -58,9 +58,17 @@ class Pwm(wiring.Component):
         m = Module()
 
         # The period that runs, and which of its clocks it is, from 1 on. Times are met, not compared: equality is less.
-        position, length, high = Signal(16, init=1), Signal(16, init=SHORTEST_PERIOD), Signal(16)
-        end, halfway, after_half, middle = Signal(), Signal(), Signal(), Signal()
-        pulse, reversing, blocked, backward = Signal(), Signal(), Signal(), Signal()
+        position = Signal(16, init=1)
+        length = Signal(16, init=SHORTEST_PERIOD)
+        high = Signal(16)
+        end = Signal()
+        halfway = Signal()
+        after_half = Signal()
+        middle = Signal()
+        pulse = Signal()
+        reversing = Signal()
+        blocked = Signal()
+        backward = Signal()
         m.d.comb += [
             end.eq(position == length),
             halfway.eq(position == length >> 1),
@@ -73,14 +81,20 @@ class Pwm(wiring.Component):
         # The next one. Multiply |duty| by the period, lowest bit first: each step drops a bit of the product that
         # later ones cannot change, so 15 steps leave floor(|duty| * period / 2**15), with one 17-bit addition each.
         # Negation is bit by bit as well: all bits beyond the lowest one that is set turn round.
-        next_length, next_backward = Signal(16, init=SHORTEST_PERIOD), Signal()
-        factor, bit = Signal(16), Signal()
+        next_length = Signal(16, init=SHORTEST_PERIOD)
+        next_backward = Signal()
+        factor = Signal(16)
+        bit = Signal()
         product = Signal(16)  # |duty| < 2**15, so what is left is less than the period
         partial = Signal(17)
         steps = Signal(range(16))
-        moving, most, some = Signal(), Signal(), Signal()  # a duty that is not 0; -32768; a bit was set
-        next_antiphase, antiphase = Signal(), Signal()
-        any_of_it, long = Signal(), Signal()
+        moving = Signal()  # a duty that is not 0
+        most = Signal()  # -32768
+        some = Signal()  # a bit was set
+        next_antiphase = Signal()
+        antiphase = Signal()
+        any_of_it = Signal()
+        long = Signal()
         m.d.comb += [
             any_of_it.eq(self.duty[:15].any()),
             long.eq(self.period[4:].any()),

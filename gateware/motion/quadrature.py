@@ -92,7 +92,8 @@ class Quadrature(wiring.Component):
         # After reset the filters take the level of the pins once it has come through the synchronisers;
         # the clock after that, `before` holds it too, and transitions mean something.
         warm_up = Signal(range(SYNCHRONISER_STAGES + 2))
-        adopted, started = Signal(), Signal()
+        adopted = Signal()
+        started = Signal()
         m.d.comb += adopted.eq(warm_up == SYNCHRONISER_STAGES + 1)
         m.d.sync += started.eq(adopted)
         with m.If(~adopted):
@@ -107,11 +108,15 @@ class Quadrature(wiring.Component):
             levels.append(level.o)
         a, b = levels
         # Gray code: on a step forward the new A differs from the old B, whichever moves; on a step back they are equal.
-        before, moved, equal = Signal(2), Signal(2), Signal()
+        before = Signal(2)
+        moved = Signal(2)
+        equal = Signal()
         m.d.sync += [before.eq(Cat(a, b)), equal.eq(a == before[1])]
         with m.If(started):
             m.d.sync += moved.eq(Cat(a, b) ^ before)
-        edge, backward, illegal = Signal(), Signal(), Signal()
+        edge = Signal()
+        backward = Signal()
+        illegal = Signal()
         m.d.sync += [edge.eq(moved.xor()), illegal.eq(moved.all()), backward.eq(equal ^ self.swap)]
 
         # An edge resets the age, and so does the reset: what it is before the first edge is added to it.

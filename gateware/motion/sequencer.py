@@ -92,8 +92,13 @@ class Adder(wiring.Component):
     def elaborate(self, platform: object) -> Module:
         m = Module()
         controls, a, low = self.controls, self.a, self.low
-        inverted, doubled, carry, chosen = Signal(), Signal(), Signal(), Signal(2)
-        x, y, total = Signal(WORD_BITS), Signal(WORD_BITS), Signal(signed(WORD_BITS))
+        inverted = Signal()
+        doubled = Signal()
+        carry = Signal()
+        chosen = Signal(2)
+        x = Signal(WORD_BITS)
+        y = Signal(WORD_BITS)
+        total = Signal(signed(WORD_BITS))
         m.d.comb += [
             doubled.eq(controls.divide & ~self.second),
             inverted.eq(controls.negative | (controls.divide & self.second & ~a[-1])),
@@ -180,9 +185,12 @@ class Sequencer(wiring.Component):
 
         code = Signal(CODE, init={"controls": controls(Op.JUMP), "address": VARIABLES})
         place = Signal(ADDRESS_BITS)
-        left, second = Signal(5), Signal()
+        left = Signal(5)
+        second = Signal()
         started = Signal()
-        a, low, b = self.value, Signal(LOW_BITS, reset_less=True), Signal(signed(WORD_BITS), reset_less=True)
+        a = self.value
+        low = Signal(LOW_BITS, reset_less=True)
+        b = Signal(signed(WORD_BITS), reset_less=True)
         # Each input has a register that is 0 unless the instruction asks for it: what is chosen is just their sum.
         values = [self.inputs[name] for name in self.inputs.shape().members]
         asked = [Signal.like(value, name=f"asked_{number}") for number, value in enumerate(values)]
@@ -204,7 +212,8 @@ class Sequencer(wiring.Component):
         goes = Signal()
         m.d.comb += goes.eq(does.jump & (flags.bit_select(code.condition, 1) ^ code.unless))
 
-        reads, stores = Signal(), Signal()  # an operand; a variable
+        reads = Signal()  # an operand
+        stores = Signal()  # a variable
         for number, (one, value) in enumerate(zip(asked, values, strict=True)):
             others = Signal(name=f"others_{number}")
             m.d.comb += others.eq(reads & ~(code.outside & code.address[number]))

@@ -105,7 +105,8 @@ class Background(wiring.Component):
         pixel, begins, row_begins, frame_begins, band_begins = delayed(m, strobes, wait, "strobes")
 
         # Each row of a band of blocks goes through the same addresses.
-        address, base = Signal(range(self.cells)), Signal(range(self.cells))
+        address = Signal(range(self.cells))
+        base = Signal(range(self.cells))
         following = Signal(range(self.cells))
         full = Signal()  # there are more blocks than cells
         m.d.comb += following.eq(address + 1)
@@ -135,7 +136,8 @@ class Background(wiring.Component):
         clocks = 1 + _READ_CLOCKS
         writes = delayed(m, pixel, clocks, "pixel")
         starts, fresh = delayed(m, begins, clocks, "begins"), delayed(m, band_begins, clocks, "band_begins")
-        greatest, before = Signal(8, reset_less=True), Signal(8)
+        greatest = Signal(8, reset_less=True)
+        before = Signal(8)
         m.d.comb += [
             before.eq(Mux(starts, Mux(fresh, 0, stored), greatest)),
         ]
@@ -155,7 +157,8 @@ class Background(wiring.Component):
         ready = Signal()
         end = Signal(_END_CLOCKS)
         m.d.sync += end.eq(Cat(self.image_end, end))
-        size, image_size = Signal(24), Cat(self.image_rows, self.image_columns)
+        size = Signal(24)
+        image_size = Cat(self.image_rows, self.image_columns)
         resized = Signal()
         m.d.sync += resized.eq(size != image_size)
         with m.If(end[-1]):

@@ -64,10 +64,20 @@ class Choose(wiring.Component):
             m.d.sync += [placed.eq(1), self.place.eq(best.centre)]
 
         # Runs come at least two clocks apart, so the run still stands while it is taken, and the one before has been.
-        compared, enough, wide, narrow = Signal(), Signal(), Signal(), Signal()
-        stronger, wider, nearer, outdoes, held = Signal(), Signal(), Signal(), Signal(), Signal()
+        compared = Signal()
+        enough = Signal()
+        wide = Signal()
+        narrow = Signal()
+        stronger = Signal()
+        wider = Signal()
+        nearer = Signal()
+        outdoes = Signal()
+        held = Signal()
         # What decides is known long before a run.
-        by_place, by_strength, by_width, always = Signal(), Signal(), Signal(), Signal()
+        by_place = Signal()
+        by_strength = Signal()
+        by_width = Signal()
+        always = Signal()
         choice = self.settings.choice
         m.d.sync += [
             compared.eq(self.valid),
@@ -84,7 +94,8 @@ class Choose(wiring.Component):
             outdoes.eq(~self.other_found | (run.strength > other.strength)),
             held.eq(~self.other_found | (best.strength >= other.strength)),
         ]
-        better, counts = Signal(), Signal()
+        better = Signal()
+        counts = Signal()
         m.d.comb += [
             better.eq(always | (by_strength & stronger) | (by_width & wider) | (by_place & nearer)),
             counts.eq(compared & enough & wide & narrow & ~self.clear),

@@ -84,7 +84,8 @@ class Fir(wiring.Component):
         up, down = register(slope > 0, "up"), register(slope < 0, "down")
         # Step 15: crossings.
         armed = Signal()
-        risen, near = Signal(self.rise.shape(), reset_less=True), Signal(reset_less=True)
+        risen = Signal(self.rise.shape(), reset_less=True)
+        near = Signal(reset_less=True)
         since = Signal(12, reset_less=True)
         with m.If(self.step):
             m.d.sync += [

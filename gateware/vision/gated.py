@@ -89,13 +89,16 @@ class GatedVision(wiring.Component):
 
         # Place, and whether it is within the region. A column is past the first or the last one of the region for the
         # rest of the row; whether it is either is told anyway.
-        column, row = Signal(self._column_bits), Signal(12)
+        column = Signal(self._column_bits)
+        row = Signal(12)
         with m.If(valid):
             m.d.sync += column.eq(Mux(row_last, 0, column + 1))
         with m.If(sooner[0] & sooner[1]):
             m.d.sync += row.eq(Mux(sooner[3], 0, row + 1))
-        at_first, at_last = Signal(), Signal()
-        begun, past = Signal(), Signal()
+        at_first = Signal()
+        at_last = Signal()
+        begun = Signal()
+        past = Signal()
         m.d.comb += [at_first.eq(column == settings.column_first), at_last.eq(column == settings.column_last)]
         with m.If(valid):
             m.d.sync += [begun.eq((begun | at_first) & ~row_last), past.eq((past | at_last) & ~row_last)]
@@ -108,12 +111,12 @@ class GatedVision(wiring.Component):
         total, width, since = (Signal(self._column_bits, name=name) for name in ("total", "width", "since"))
         columns = Signal((features.max_columns * (features.max_columns - 1) // 2).bit_length())
         longer = Signal(self._column_bits)
-        some, faulty, end = Signal(), Signal(), Signal()
-        left, left_now, cut = (
-            Signal(),
-            Signal(),
-            Signal(),
-        )  # the first gated pixel is at the border; it or the last one is
+        some = Signal()
+        faulty = Signal()
+        end = Signal()
+        left = Signal()  # the first gated pixel is at the border
+        left_now = Signal()
+        cut = Signal()  # it or the last one is
         m.d.comb += [longer.eq(since + 1), left_now.eq(Mux(some, left, row_first | at_first))]
         m.d.sync += end.eq(valid & row_last)
         with m.If(end):
@@ -134,9 +137,13 @@ class GatedVision(wiring.Component):
 
         # Divide. Of a row that ends meanwhile only the number is told, which is still the present one then.
         result, record = self.rows.row.p, self.rows.row.p.record
-        busy, late, enough, broken = Signal(), Signal(), Signal(), Signal()
+        busy = Signal()
+        late = Signal()
+        enough = Signal()
+        broken = Signal()
         disturbed = Signal()  # settings have changed before the record was there
-        told, lost = Signal(), Signal()
+        told = Signal()
+        lost = Signal()
         m.d.comb += [
             divider.start.eq(end & ~busy),
             divider.dividend.eq(columns << FRACTION_BITS),

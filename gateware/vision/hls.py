@@ -118,7 +118,9 @@ class HLS(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         # 1: order
-        rg, gb, rb = Signal(), Signal(), Signal()
+        rg = Signal()
+        gb = Signal()
+        rb = Signal()
         m.d.sync += [rg.eq(self.r >= self.g), gb.eq(self.g >= self.b), rb.eq(self.r >= self.b)]
         r, g, b = (delayed(m, getattr(self, name), 1, name) for name in "rgb")
 
@@ -135,7 +137,9 @@ class HLS(wiring.Component):
         m.d.sync += low.eq(Mux(rb & gb, b, Mux(~rg & ~rb, r, g)))
 
         # 3: subtract
-        delta, total, way = Signal(8, reset_less=True), Signal(9, reset_less=True), Signal(8, reset_less=True)
+        delta = Signal(8, reset_less=True)
+        total = Signal(9, reset_less=True)
+        way = Signal(8, reset_less=True)
         m.d.sync += [delta.eq(high - low), total.eq(high + low), way.eq(plus - minus)]
 
         # 4 and 5: look up
@@ -161,7 +165,8 @@ class HLS(wiring.Component):
             products.append(multiply.product)
 
         # 8: add and round
-        hue, saturation = Signal(8 + OFFSET_BITS, reset_less=True), Signal(8, reset_less=True)
+        hue = Signal(8 + OFFSET_BITS, reset_less=True)
+        saturation = Signal(8, reset_less=True)
         starts = Array((start << OFFSET_BITS) + hue_offset(offset) for start, offset in SEXTANTS)
         m.d.sync += [
             hue.eq((products[0] >> (HUE_BITS - OFFSET_BITS)) + starts[delayed(m, sextant, 5, "sextant")]),

@@ -94,7 +94,9 @@ class HLS16(wiring.Component):
         m = Module()
         # 1: greatest, least, the two of which `way` is the difference, and the sextant, as in `HLS`.
         r, g, b = self.r, self.g, self.b
-        rg, gb, rb = Signal(), Signal(), Signal()
+        rg = Signal()
+        gb = Signal()
+        rb = Signal()
         m.d.comb += [rg.eq(r >= g), gb.eq(g >= b), rb.eq(r >= b)]
         high, low, plus, minus = (Signal(8, reset_less=True, name=n) for n in ("high", "low", "plus", "minus"))
         sextant = Signal(range(len(SEXTANTS)), reset_less=True)
@@ -107,7 +109,10 @@ class HLS16(wiring.Component):
         m.d.sync += low.eq(Mux(rb & gb, b, Mux(~rg & ~rb, r, g)))
 
         # 2: subtract, look up. `span` is the sum, or what is missing to twice white: 511 - (total + 1) is ~(total + 1).
-        delta, way, total, more = Signal(8), Signal(8), Signal(9), Signal(9)
+        delta = Signal(8)
+        way = Signal(8)
+        total = Signal(9)
+        more = Signal(9)
         span = Signal(8)
         m.d.comb += [
             delta.eq(high - low),
@@ -139,7 +144,8 @@ class HLS16(wiring.Component):
             products.append(multiply.product)
 
         # After the products: add and round.
-        hue, saturation = Signal(8 + OFFSET_BITS), Signal(24)
+        hue = Signal(8 + OFFSET_BITS)
+        saturation = Signal(24)
         starts = Array((start << OFFSET_BITS) + hue_offset(offset) for start, offset in SEXTANTS)
         m.d.comb += [
             hue.eq(

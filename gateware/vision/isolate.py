@@ -91,7 +91,10 @@ class Isolate(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         i, valid = self.i.p, self.i.valid
-        first, frame_first, last, follows = Signal(), Signal(), Signal(), Signal()
+        first = Signal()
+        frame_first = Signal()
+        last = Signal()
+        follows = Signal()
         ahead, comes = self.ahead.p, self.ahead.valid
         m.d.sync += [
             first.eq(comes & ahead.row_first),
@@ -107,8 +110,10 @@ class Isolate(wiring.Component):
         active = Signal()  # it goes out as the next one comes in
 
         # The time that a camera would leave between rows, for the row that goes out by itself.
-        rest, ready = Signal(range(MIN_ROW_PERIOD)), Signal(init=1)
-        flush, flushed = Signal(), Signal()
+        rest = Signal(range(MIN_ROW_PERIOD))
+        ready = Signal(init=1)
+        flush = Signal()
+        flushed = Signal()
         with m.If(first | flush):
             m.d.sync += [rest.eq(MIN_ROW_PERIOD - 1), ready.eq(0)]
         with m.Elif((last | flushed) & (rest < MIN_BLANKING)):
@@ -135,8 +140,12 @@ class Isolate(wiring.Component):
 
         # The column at hand, and the pixel of it that goes out with the next step.
         word = Signal(HeldPixel)
-        here, here_first, here_valid = Signal(HeldPixel, reset_less=True), Signal(), Signal()
-        present, cut, ends = Signal(), Signal(), Signal()
+        here = Signal(HeldPixel, reset_less=True)
+        here_first = Signal()
+        here_valid = Signal()
+        present = Signal()
+        cut = Signal()
+        ends = Signal()
         next_ended = Signal()
         m.d.sync += next_ended.eq(last)
         m.d.comb += [
@@ -153,7 +162,9 @@ class Isolate(wiring.Component):
             m.d.sync += flushing.eq(0)
 
         # Gated pixels of the column, and of the two before it.
-        column, column_before, before = Signal(2), Signal(2), Signal(3)
+        column = Signal(2)
+        column_before = Signal(2)
+        before = Signal(3)
         above = Signal()  # of the row that comes in
         m.d.comb += above.eq(present & word.gate)
         with m.If(step):
@@ -164,10 +175,16 @@ class Isolate(wiring.Component):
             ]
 
         # Out.
-        there, there_valid = Signal(HeldPixel, reset_less=True), Signal()
-        there_first, there_top, there_last, there_fault = Signal(), Signal(), Signal(), Signal()
-        need, need_now = Signal(4), Signal(4)
-        top, top_now = Signal(), Signal()  # the row that came in last, the one that goes out, is an image's first
+        there = Signal(HeldPixel, reset_less=True)
+        there_valid = Signal()
+        there_first = Signal()
+        there_top = Signal()
+        there_last = Signal()
+        there_fault = Signal()
+        need = Signal(4)
+        need_now = Signal(4)
+        top = Signal()  # the row that came in last is an image's first
+        top_now = Signal()  # the one that goes out is
         with m.If(first):
             m.d.sync += top.eq(i.frame_first)
         with m.If(opens):
@@ -186,7 +203,9 @@ class Isolate(wiring.Component):
         # What comes in, two clocks ago, when it is known whether its image is held.
         late = delayed(m, i, 2, "pixel")
         late_above = delayed(m, above & step_row, 2, "above")
-        valid_1, valid_2, first_1 = Signal(), Signal(), Signal()
+        valid_1 = Signal()
+        valid_2 = Signal()
+        first_1 = Signal()
         m.d.sync += [valid_1.eq(valid), valid_2.eq(valid_1), first_1.eq(first)]
         o = self.o.p
         with m.If(direct):
@@ -205,7 +224,8 @@ class Isolate(wiring.Component):
             ]
 
         # The setting of an image, known a clock after its first pixel.
-        quiet, begun = Signal(), Signal()
+        quiet = Signal()
+        begun = Signal()
         m.d.sync += [begun.eq(frame_first), quiet.eq(direct | (~held & ~flushing & ready))]
         with m.If(begun):
             m.d.sync += [need.eq(self.settings.isolate), direct.eq(quiet & (self.settings.isolate == 0))]
@@ -214,9 +234,11 @@ class Isolate(wiring.Component):
         # A column is never read in the clock in which it is written.
         m.submodules.memory = memory = BlockRam(HeldPixel, self.max_columns, registered=True)
         write, read = memory.write, memory.read
-        fetch, fetch_at = Signal(), Signal(range(self.max_columns))
+        fetch = Signal()
+        fetch_at = Signal(range(self.max_columns))
         at = Signal(range(self.max_columns))
-        priming, primed = Signal(), Signal()  # two more are read
+        priming = Signal()  # two more are read
+        primed = Signal()
         with m.If(first_1):
             m.d.sync += at.eq(0)
         with m.Elif(valid_1):
@@ -232,8 +254,12 @@ class Isolate(wiring.Component):
             m.d.sync += [held.eq(1), priming.eq(1), primed.eq(0), fetch_at.eq(0)]
 
         # The end of the image.
-        has_rows, ended, flush_before = Signal(), Signal(), Signal()
-        owed, passes, waits = Signal(3), Signal(2), Signal()
+        has_rows = Signal()
+        ended = Signal()
+        flush_before = Signal()
+        owed = Signal(3)
+        passes = Signal(2)
+        waits = Signal()
         done = Signal(2)
         m.d.sync += [
             ended.eq(self.i_frame_end),
@@ -241,7 +267,8 @@ class Isolate(wiring.Component):
             done.eq(Cat(flushed, done)),
             passes.eq(ended & direct),
         ]
-        pays, owes = Signal(), Signal()
+        pays = Signal()
+        owes = Signal()
         with m.If(ended):
             m.d.sync += has_rows.eq(begun)
             with m.If(~direct & has_rows & ~flush_before):

@@ -104,13 +104,19 @@ class Lookahead(wiring.Component):
         entry = LOOKAHEAD - 1
         reach = self.settings.run_reach
         # (A reset that does not wait for a clock enable costs nothing.)
-        row_enters, frame_enters, leaves = Signal(), Signal(), Signal()
-        column, row = Signal(12), Signal(12)
-        ahead, behind = Signal(12), Signal(12)
+        row_enters = Signal()
+        frame_enters = Signal()
+        leaves = Signal()
+        column = Signal(12)
+        row = Signal(12)
+        ahead = Signal(12)
+        behind = Signal(12)
         # Both gates are picked a step ahead, but for the one that just enters, which the greatest reach needs. That one
         # picks nothing ahead: a smaller reach may be in force at the next step, in another image.
         gates = Cat(entering["gate"], lines["gate"])
-        ahead_pick, behind_pick, ahead_gate = Signal(), Signal(), Signal()
+        ahead_pick = Signal()
+        behind_pick = Signal()
+        ahead_gate = Signal()
         with m.If(self.step):
             m.d.sync += [
                 ahead_pick.eq(Cat(reversed(gates[:LOOKAHEAD])).bit_select(reach, 1)),  # 0 for the greatest
@@ -124,7 +130,9 @@ class Lookahead(wiring.Component):
         ]
         # The column that follows, so that what the edges are is known with the column.
         following = Signal(12)
-        at_first, at_last, only = Signal(), Signal(), Signal()
+        at_first = Signal()
+        at_last = Signal()
+        only = Signal()
         m.d.sync += only.eq(self.settings.column_last == 0)
         with m.If(row_enters):
             m.d.sync += [column.eq(0), following.eq(1), self.before.eq(~0), behind.eq(0), at_last.eq(only)]

@@ -85,8 +85,10 @@ class Peak(wiring.Component):
         m.submodules.rival = rival_divider = self._rival
 
         # A row that ends while the one before is at work is not measured: its record only says so.
-        busy, written = Signal(), Signal()
-        late, late_row = Signal(), Signal(12)
+        busy = Signal()
+        written = Signal()
+        late = Signal()
+        late_row = Signal(12)
         end = Signal()
         m.d.sync += [end.eq(self.ends), self.taken.eq(self.ends & ~self.taken & (~busy | written))]
         with m.If(self.taken):
@@ -100,7 +102,9 @@ class Peak(wiring.Component):
         steps = Signal(self.latency - 1)
         m.d.sync += steps.eq(Cat(self.taken, steps))
 
-        found, own, other_found = Signal(), Signal(), Signal()
+        found = Signal()
+        own = Signal()
+        other_found = Signal()
         run = Run().create(path=("run",))
         other = Rival().create(path=("other",))
         gated = Signal(Gated, reset_less=True)
@@ -117,7 +121,10 @@ class Peak(wiring.Component):
                 gated.eq(self.gated),
             ]
         detector = self.settings.detector
-        binary, centroid, maximum, of_run = Signal(), Signal(), Signal(), Signal()
+        binary = Signal()
+        centroid = Signal()
+        maximum = Signal()
+        of_run = Signal()
         m.d.sync += [
             binary.eq(detector == Detector.BINARY),
             centroid.eq(detector == Detector.CENTROID),
@@ -128,7 +135,8 @@ class Peak(wiring.Component):
 
         # The position's quotient: mean column of gated pixels, distance from the run's last column, or the crossing's
         # share of a column. All fit: a mean is less than max_columns, a rise less than its contrast.
-        numerator, divisor = Signal(30), Signal(20)
+        numerator = Signal(30)
+        divisor = Signal(20)
         with m.If(binary):
             m.d.comb += [numerator.eq(self.gated.columns), divisor.eq(self.gated.total)]
         with m.Elif(by_run):
@@ -142,7 +150,8 @@ class Peak(wiring.Component):
         ]
         # The runner-up: chosen, compared, placed.
         rival = Rival().create(path=("rival",))
-        rivals, as_strong = Signal(), Signal()
+        rivals = Signal()
+        as_strong = Signal()
         ratio = Signal(8)
         with m.If(steps[0]):
             m.d.sync += rivals.eq(own | other_found)
@@ -168,11 +177,13 @@ class Peak(wiring.Component):
         # at work, which spares a simulation the rest of the time.
         of_rival = Signal()
         tops = Signal(13, reset_less=True)  # of the run's greatest weights, in halves
-        base, base_held = Signal(13, reset_less=True), Signal(13, reset_less=True)
+        base = Signal(13, reset_less=True)
+        base_held = Signal(13, reset_less=True)
         part = Signal(FRACTION_BITS, reset_less=True)
         whole, crossed, single = (Signal(name=n) for n in ("whole", "crossed", "single"))
         addend = Signal(signed(position.quotient_bits + 2), reset_less=True)
-        fine, fine_before = Signal(21, reset_less=True), Signal(21, reset_less=True)
+        fine = Signal(21, reset_less=True)
+        fine_before = Signal(21, reset_less=True)
         # How far a share is bent is looked up with its last bit still to come.
         bends = Array(Const(-value, signed(4)) for value in BEND)
         bend = Signal(signed(4), reset_less=True)
@@ -225,8 +236,12 @@ class Peak(wiring.Component):
 
         # Flags, while the dividers work.
         cut = Signal()
-        span, enough = Signal(12), Signal()
-        stray, doubtful, competed, valid = Signal(), Signal(), Signal(), Signal()
+        span = Signal(12)
+        enough = Signal()
+        stray = Signal()
+        doubtful = Signal()
+        competed = Signal()
+        valid = Signal()
         with m.If(busy):
             m.d.sync += [
                 cut.eq(Mux(binary, gated.first_touches | gated.last_touches, run.touches | run.over | ~run.crossed)),
@@ -237,7 +252,9 @@ class Peak(wiring.Component):
                 competed.eq(found & rivals & (ratio >= self.settings.ambiguous_ratio)),
                 valid.eq(Mux(binary, enough, found)),
             ]
-        in_window, no_window, clipped_window = Signal(), Signal(), Signal()
+        in_window = Signal()
+        no_window = Signal()
+        clipped_window = Signal()
         m.d.comb += [
             in_window.eq(by_window & self.window_some),
             no_window.eq(by_window & ~self.window_some),
@@ -246,7 +263,9 @@ class Peak(wiring.Component):
 
         # Write.
         record = self.o.p.record
-        writes, writes_run, writes_rival = Signal(), Signal(), Signal()
+        writes = Signal()
+        writes_run = Signal()
+        writes_rival = Signal()
         m.d.sync += [
             writes.eq(steps[-2] & valid),
             writes_run.eq(steps[-2] & valid & found),

@@ -53,7 +53,8 @@ class Region(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         column, row = self.column, self.row
-        row_begins, frame_begins = Signal(), Signal()
+        row_begins = Signal()
+        frame_begins = Signal()
         m.d.comb += [row_begins.eq(self.valid & self.row_first), frame_begins.eq(row_begins & self.frame_first)]
         # (A reset that does not wait for a clock enable costs nothing.)
         with m.If(row_begins):

@@ -144,7 +144,9 @@ class Runs(wiring.Component):
         # 1: what this column is to the run
         is_open = Signal()
         gap = Signal(4)
-        was_open, within, closes = Signal(), Signal(), Signal()
+        was_open = Signal()
+        within = Signal()
+        closes = Signal()
         m.d.comb += [
             was_open.eq(is_open & ~i.row_first),
             within.eq(was_open | i.lit),
@@ -155,20 +157,29 @@ class Runs(wiring.Component):
         m.d.comb += near.eq(i.ahead[:5] - i.behind[:5])
         run = Run().create(path=("run",))
         crossing = Crossing().create(path=("crossing",))
-        contrast, greatest = Signal(CONTRAST_BITS, reset_less=True), Signal(CONTRAST_BITS, reset_less=True)
+        contrast = Signal(CONTRAST_BITS, reset_less=True)
+        greatest = Signal(CONTRAST_BITS, reset_less=True)
         centre = Signal(12, reset_less=True)
-        coloured, over = Signal(reset_less=True), Signal(reset_less=True)
-        at_left, at_right = Signal(reset_less=True), Signal(reset_less=True)
-        touches_left, touches_right = Signal(reset_less=True), Signal(reset_less=True)
-        better, second = Signal(reset_less=True), Signal(reset_less=True)
+        coloured = Signal(reset_less=True)
+        over = Signal(reset_less=True)
+        at_left = Signal(reset_less=True)
+        at_right = Signal(reset_less=True)
+        touches_left = Signal(reset_less=True)
+        touches_right = Signal(reset_less=True)
+        better = Signal(reset_less=True)
+        second = Signal(reset_less=True)
         starts = Signal()
         extends = Signal()
         passes = Signal()
-        closed, closed_lit, crosses = Signal(), Signal(), Signal()
+        closed = Signal()
+        closed_lit = Signal()
+        crosses = Signal()
         at = Signal(12, reset_less=True)
         at_before = Signal(12, reset_less=True)
-        weight, saturated = Signal(8, reset_less=True), Signal(reset_less=True)
-        ahead, behind = Signal(12, reset_less=True), Signal(12, reset_less=True)
+        weight = Signal(8, reset_less=True)
+        saturated = Signal(reset_less=True)
+        ahead = Signal(12, reset_less=True)
+        behind = Signal(12, reset_less=True)
         doubled = Signal(13)
         m.d.comb += doubled.eq(Cat(self.late, i.column) - self.distance)
         m.d.sync += [
@@ -209,13 +220,16 @@ class Runs(wiring.Component):
 
         # 2: add up
         run_before = Signal(12, reset_less=True)
-        low, high = Signal(12, reset_less=True), Signal(12, reset_less=True)
+        low = Signal(12, reset_less=True)
+        high = Signal(12, reset_less=True)
         swept = Signal(30, reset_less=True)  # the moment about the present column
         middle = Signal(13, reset_less=True)  # in halves
         # How far they stand from the place, and on which side of it: short by one where before it. A run ends at the
         # earliest two clocks after its last lit column was added, so the middle has been still for a clock by then.
-        middle_away, centre_away = Signal(12, reset_less=True), Signal(12, reset_less=True)
-        middle_short, centre_short = Signal(reset_less=True), Signal(reset_less=True)
+        middle_away = Signal(12, reset_less=True)
+        centre_away = Signal(12, reset_less=True)
+        middle_short = Signal(reset_less=True)
+        centre_short = Signal(reset_less=True)
 
         def beyond_place(column, away, short):
             beyond = (column - self.place)[:13]
@@ -277,11 +291,13 @@ class Runs(wiring.Component):
                 ]
             with m.Elif(~run.second_found | second):
                 m.d.sync += [*assign(run.second, crossing, Crossing()), run.second_contrast.eq(contrast)]
-        ended, waited = Signal(), Signal()
+        ended = Signal()
+        waited = Signal()
         m.d.sync += [waited.eq(closed_lit), ended.eq(closed | waited)]
 
         # 3: hold, while the next run adds up
-        binary, between = Signal(), Signal()
+        binary = Signal()
+        between = Signal()
         short = Signal()
         m.d.sync += [binary.eq(self.settings.detector == Detector.BINARY), self.valid.eq(ended)]
         m.d.comb += [

@@ -53,8 +53,10 @@ class Spread(wiring.Component):
         total = Signal(12)
         columns = Signal(21)
         some = Signal()
-        before, last = Signal(12, reset_less=True), Signal(12, reset_less=True)
-        first_touches, last_touches = Signal(reset_less=True), Signal(reset_less=True)
+        before = Signal(12, reset_less=True)
+        last = Signal(12, reset_less=True)
+        first_touches = Signal(reset_less=True)
+        last_touches = Signal(reset_less=True)
         over = Signal()
         m.d.sync += [over.eq(self.column.valid & i.row_last), self.o.valid.eq(over)]
         with m.If(self.column.valid):

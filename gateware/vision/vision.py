@@ -116,7 +116,9 @@ class Vision(wiring.Component):
             self.subtracted.eq(pixels.subtracted),
         ]
         frame_end_in = _strobe_delayed(m, monitor.frame_end, Pixels.latency, "frame_end_in")
-        pixel, holding, frame_end = pixels.o, Signal(), frame_end_in
+        pixel = pixels.o
+        holding = Signal()
+        frame_end = frame_end_in
         if features.isolate:
             m.submodules.isolate = isolate = Isolate(features.max_columns)
             wiring.connect(m, pixels.o, isolate.i)
@@ -176,7 +178,8 @@ class Vision(wiring.Component):
         # Settings that change while a row is being measured make its record worthless: with the first pixel of an
         # image, while a row of the one before is held or has gone out so lately that its record is not written.
         measuring = _within(m, self._measuring_latency, pixel.valid & pixel.p.row_last, "measuring")
-        begins, disturbed = Signal(), Signal()
+        begins = Signal()
+        disturbed = Signal()
         m.d.comb += begins.eq(monitor.pixel.valid & monitor.pixel.p.frame_first)
         with m.If(monitor.frame_gap | (begins & (holding | measuring))):
             m.d.sync += disturbed.eq(1)

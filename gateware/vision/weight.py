@@ -59,8 +59,10 @@ class Weight(wiring.Component):
             products.append(multiply.product)
 
         # |product| <= 512 * 255 < 2**17, so the sum of three and 128 is below 2**19 in magnitude.
-        partial, rounded = Signal(signed(19), reset_less=True), Signal(signed(19), reset_less=True)
-        total, scaled = Signal(signed(20), reset_less=True), Signal(signed(20 - FRACTION_BITS))
+        partial = Signal(signed(19), reset_less=True)
+        rounded = Signal(signed(19), reset_less=True)
+        total = Signal(signed(20), reset_less=True)
+        scaled = Signal(signed(20 - FRACTION_BITS))
         m.d.sync += [
             partial.eq(products[0] + products[1]),
             rounded.eq(products[2] + (1 << (FRACTION_BITS - 1))),
@@ -76,7 +78,9 @@ class Weight(wiring.Component):
             m.d.sync += raw.eq(scaled)
         m.d.comb += self.raw.eq(raw)
 
-        left, mix, above = Signal(signed(9)), Signal(8, reset_less=True), Signal(signed(9))
+        left = Signal(signed(9))
+        mix = Signal(8, reset_less=True)
+        above = Signal(signed(9))
         m.d.comb += [left.eq(raw - self.background), above.eq(mix - self.settings.floor)]
         m.d.sync += [mix.eq(Mux(left < 0, 0, left)), self.mix.eq(mix), self.weight.eq(Mux(above < 0, 0, above))]
 

@@ -104,8 +104,10 @@ class Window(wiring.Component):
             for window, width in HALF_WIDTHS.items():
                 with m.Case(window):
                     m.d.comb += half.eq(width)
-        next_left, next_right = Signal(signed(13), reset_less=True), Signal(13, reset_less=True)
-        left, right = Signal(signed(13), reset_less=True), Signal(13, reset_less=True)
+        next_left = Signal(signed(13), reset_less=True)
+        next_right = Signal(13, reset_less=True)
+        left = Signal(signed(13), reset_less=True)
+        right = Signal(13, reset_less=True)
         added = Signal(8, reset_less=True)
         m.submodules.multiply = multiply = Multiply(8, 4)
         taken = Signal()
@@ -124,7 +126,8 @@ class Window(wiring.Component):
         # Both ends' means are read at all times; those of the clock before `start` count, or of the one before if the
         # run that was compared then is not taken.
         bank = self.row[0]
-        compared, of_taken = Signal(), Signal(2)
+        compared = Signal()
+        of_taken = Signal(2)
         m.d.sync += [compared.eq(self.compare), of_taken.eq(Cat(self.take | ~compared, of_taken))]
         for ram, end, next_end in zip(means, (left, right), (next_left, next_right), strict=True):
             place = Mux(compared, next_end, end)
@@ -136,16 +139,21 @@ class Window(wiring.Component):
         result = step[self.READ + self.SUM - 1 + WORDS]
         active = Signal()  # after `start` until the sums are whole
         m.d.sync += active.eq((self.start | active) & ~result)
-        before, behind = Signal(), Signal()  # an end lies outside the image
-        right_behind, next_behind = Signal(), Signal()
+        before = Signal()  # the left end lies outside the image
+        behind = Signal()  # the right one does
+        right_behind = Signal()
+        next_behind = Signal()
         m.d.sync += [
             right_behind.eq((self.last_column - right)[-1]),
             next_behind.eq((self.last_column - next_right)[-1]),
         ]
-        first_word, last_word = Signal(word_bits + 1), Signal(word_bits + 1)
-        low, high = Signal(3), Signal(3)  # lanes of the first and the last column
+        first_word = Signal(word_bits + 1)
+        last_word = Signal(word_bits + 1)
+        low = Signal(3)  # lane of the first column
+        high = Signal(3)  # of the last
         m.d.comb += before.eq(left < 0)
-        clipped_first, clipped_last = Signal(12), Signal(12)
+        clipped_first = Signal(12)
+        clipped_last = Signal(12)
         m.d.comb += [
             behind.eq(Mux(taken, next_behind, right_behind)),
             clipped_first.eq(Mux(before, 0, left)),
@@ -186,8 +194,10 @@ class Window(wiring.Component):
         with m.If(active):
             m.d.sync += [address.eq(address - 1), number.eq(address)]
         mask = Signal(LANES)
-        lanes_low, lanes_high = Signal(LANES), Signal(LANES)
-        is_last, reached = Signal(), Signal()
+        lanes_low = Signal(LANES)
+        lanes_high = Signal(LANES)
+        is_last = Signal()
+        reached = Signal()
         m.d.comb += [
             is_last.eq(number == last_word),
             lanes_low.eq(0xFF << low),
@@ -236,7 +246,10 @@ class Window(wiring.Component):
 
     def _write(self, m: Module, word_port, mean_port, columns_bits: int) -> None:
         """Both memories are filled; the last pixel of a row is repeated to the end of its word."""
-        valid, first, frame_first, row_last = Signal(), Signal(), Signal(), Signal()
+        valid = Signal()
+        first = Signal()
+        frame_first = Signal()
+        row_last = Signal()
         came = Signal(8, reset_less=True)
         m.d.sync += [
             valid.eq(self.pixel.valid),
@@ -245,12 +258,14 @@ class Window(wiring.Component):
             row_last.eq(self.pixel.p.row_last),
             came.eq(self.pixel.p.mix),
         ]
-        column, row = Signal(columns_bits), Signal()
+        column = Signal(columns_bits)
+        row = Signal()
         padding = Signal()
         step = Signal()
         m.d.comb += step.eq(valid | padding)
         mix = Signal(8)
-        word, group = Signal(8 * LANES), Signal(10)
+        word = Signal(8 * LANES)
+        group = Signal(10)
         at = Signal(columns_bits)
         last_mix = Signal(8)
         m.d.comb += [
@@ -259,7 +274,8 @@ class Window(wiring.Component):
         ]
         line = Signal()  # parity of the row
         m.d.comb += line.eq(Mux(first, ~row & ~frame_first, row))
-        whole_word, whole_group = Signal(), Signal()
+        whole_word = Signal()
+        whole_group = Signal()
         place = Signal(columns_bits)
         place_line = Signal()
         m.d.sync += [whole_word.eq(0), whole_group.eq(0)]

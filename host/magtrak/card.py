@@ -54,6 +54,13 @@ class Identity:
     link_baud: int = 0
 
     @property
+    def rows(self) -> int:
+        """Rows that an image may have: in the full form, or in the compact one on a card that has no other."""
+        if self.built.has("full_rows"):
+            return self.max_rows
+        return min(self.max_rows * (protocol.FULL_ROW.size // protocol.COMPACT_ROW.size), 2048)
+
+    @property
     def serial_text(self) -> str:
         """The serial number as people write it; "-" for a card without."""
         return f"{self.serial:X}" if self.serial else "-"

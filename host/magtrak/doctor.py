@@ -96,7 +96,7 @@ def _port(port: str, baud: int, system: System) -> Iterator[Finding]:
     try:
         with Link(port, baud) as link:
             card = Card(link, GREETING_S)
-            size = f"{card.identity.max_columns} x {card.identity.max_rows}"
+            size = f"{card.identity.max_columns} x {card.identity.rows}"
             yield Finding(port, True, f"card {card.identity.serial_text}, images up to {size}")
             yield from _traffic(card)
             yield from _state(State.read(card), virtual=is_pseudo_terminal(port))

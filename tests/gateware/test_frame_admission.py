@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from gateware.frame.admission import SHORTEST_CLOCKS, Admission
+from gateware.frame.admission import APART_CLOCKS, SHORTEST_CLOCKS, Admission
 from tests.support.simulation import simulate
 
 NOTHING = {"valid": 0, "row_first": 0, "row_last": 0, "frame_first": 0, "frame_end": 0, "run": 1}
@@ -147,14 +147,14 @@ def test_the_order_of_the_strobes_holds_for_noise(seed):
     assert len(begins) + len(clocks_of(out, "refused")) in (asked, asked - 1)
 
 
-@pytest.mark.parametrize("apart", [1, SHORTEST_CLOCKS - 1, SHORTEST_CLOCKS, SHORTEST_CLOCKS + 1])
+@pytest.mark.parametrize("apart", [1, APART_CLOCKS - 1, APART_CLOCKS, APART_CLOCKS + 1])
 def test_images_that_are_not_close_are_at_least_so_far_apart(apart):
     """The next image begins so many clocks after the strobe of the first."""
     first, second = image(3), image(3)
     clocks = [{}, *first, *([{}] * apart), *second, {}, {}]
     out = play(clocks, close_images=False)
     end = clocks_of(out, "frame_end")[0]
-    let_in = apart > SHORTEST_CLOCKS
+    let_in = apart > APART_CLOCKS
     assert clocks_of(out, "frame_first") == [2] + [end + apart + 1] * let_in
     assert len(clocks_of(out, "refused")) == 1 - let_in
     assert len(clocks_of(out, "frame_end")) == len(clocks_of(out, "video_end")) == 1 + let_in
@@ -164,9 +164,7 @@ def test_images_that_are_not_close_an_image_without_end_costs_the_next():
     """It is closed by the one that begins, which is refused; rows after an end are none of the image."""
     open_end = image(3)
     open_end[-1] = {}
-    out = play(
-        [{}, *open_end, *image(3), *([{}] * SHORTEST_CLOCKS), *image(2), *image(2)[1:-1], {}], close_images=False
-    )
+    out = play([{}, *open_end, *image(3), *([{}] * APART_CLOCKS), *image(2), *image(2)[1:-1], {}], close_images=False)
     begins = clocks_of(out, "frame_first")
     assert len(begins) == 2
     assert len(clocks_of(out, "refused")) == 1

@@ -10,10 +10,12 @@ from amaranth.hdl import Module, Shape
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from gateware.frame.admission import APART_CLOCKS
 from gateware.frame.assembler import FrameAssembler
 from gateware.frame.buffer import FrameBuffer
 from gateware.frame.facts import STEADY_CLOCKS, ImageFacts, MotionFacts, StartFacts, VisionFacts
 from gateware.layouts import Packets
+from gateware.motion.angle import FIRST_CLOCKS
 from magtrak.protocol import COMPACT_ROW, EDGE, FRAME, FRAME_FLAGS, FULL_ROW, FieldParity, Phase, RowForm
 from tests.support.simulation import simulate
 
@@ -26,8 +28,9 @@ SHORTEST = 112  # clocks from image to image
 class Chain(wiring.Component):
     """A buffer whose frames are sent."""
 
-    def __init__(self):
-        self.buffer = FrameBuffer(MAX_ROWS)
+    def __init__(self, *, edge_log=True, close_images=True):
+        self.edge_log = edge_log
+        self.buffer = FrameBuffer(MAX_ROWS, edge_log=edge_log, close_images=close_images)
         members = dict(self.buffer.signature.members)
         del members["reader"], members["moving"]
         super().__init__({**members, "o": Out(Packets)})
@@ -35,7 +38,7 @@ class Chain(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         m.submodules.buffer = buffer = self.buffer
-        m.submodules.assembler = assembler = FrameAssembler(MAX_ROWS)
+        m.submodules.assembler = assembler = FrameAssembler(MAX_ROWS, edge_log=self.edge_log)
         connect(m, buffer.reader, assembler.i)
         connect(m, flipped(self.o), assembler.o)
         connect(m, flipped(self.rows), buffer.rows)
@@ -225,6 +228,63 @@ def numbers_of(payloads):
     numbers = [FRAME.unpack(payload[: FRAME.size])["frame"] for payload in payloads]
     assert numbers == sorted(set(numbers))
     return numbers
+
+
+@pytest.mark.parametrize("edge_log", [False, True])
+@pytest.mark.parametrize(("delay", "filled"), [(8, 40), (262, 40), (8, 60)])
+def test_images_that_are_not_close_need_nothing_kept_but_the_first_stamp(edge_log, delay, filled):
+    """Strobes of motion come ``delay`` clocks late, that of the rows ``filled`` clocks after the image's end.
+
+    Each thing is what it should be only as long as the card keeps it.
+    """
+    rng = random.Random(delay + filled)
+    images = [Image(rng, rows) for rows in (0, 3, 5, 9)]
+    dut = Chain(edge_log=edge_log, close_images=False)
+    events = defaultdict(list)
+    expected, payloads = [], []
+    at = 1
+    for number, image in enumerate(images):
+        if not edge_log:
+            image.motion |= {"edges": 0}
+        end = at + max(len(image.rows) * 34 + 2, SHORTEST)
+        first = image.motion | {"last": image.motion["first"], "first": any_facts(rng, MotionFacts)["first"]}
+        events[at] += [(dut.frame_first, 1), (dut.form, int(image.form))]
+        events[at + 1] += [(dut.start, image.start)]
+        events[at + 1 + delay] += [(dut.first_is_last, 1), (dut.motion, first)]
+        events[at + 1 + delay + FIRST_CLOCKS] += [(dut.motion, image.motion | {"first": first["first"]})]
+        for row, record in enumerate(image.rows):
+            payload = {"row": row, "record": record}
+            events[at + (row + 1) * 34 + 20] += [(dut.rows.row.valid, 1), (dut.rows.row.payload, payload)]
+        events[end] += [(dut.frame_end, 1), (dut.image, image.image)]
+        events[end + filled] += [(dut.rows.frame_end, 1), (dut.vision, image.vision)]
+        events[end + delay] += [(dut.taken, 1)]
+        expected.append(image.payload(number, 0))
+        at = end + APART_CLOCKS + 1
+
+    async def drive(ctx):
+        ctx.set(dut.damaged_commands, 7)
+        ctx.set(dut.line_errors, 9)
+        ctx.set(dut.o.ready, 1)
+        current, index, number = bytearray(), 0, -1
+        for clock in range(at + 4000):
+            for strobe in (dut.frame_first, dut.rows.row.valid, dut.frame_end, dut.rows.frame_end, dut.taken):
+                ctx.set(strobe, 0)
+            ctx.set(dut.first_is_last, 0)
+            ctx.set(dut.image, ImageFacts.from_bits(clock & 0x3F))
+            for target, value in events.pop(clock, ()):
+                ctx.set(target, value)
+                number += target is dut.taken
+            ctx.set(dut.edge, images[number].edges[index] if number >= 0 else {})
+            index = ctx.get(dut.edge_index)
+            _, _, valid, item = await ctx.tick().sample(dut.o.valid, dut.o.payload)
+            if valid:
+                current.append(item.data)
+                if item.last:
+                    payloads.append(bytes(current))
+                    current.clear()
+
+    simulate(dut, drive, clocks=at + 5000)
+    assert payloads == expected
 
 
 @pytest.mark.parametrize("form", RowForm)

@@ -11,8 +11,12 @@ from tests.support.simulation import simulate
 from tests.support.trace import trace
 
 
-def test_latches():
-    """`first` and `last` take all that belongs together, at their strobes only."""
+@pytest.mark.parametrize("keep_first", [True, False])
+def test_latches(keep_first):
+    """`first` and `last` take all that belongs together, at their strobes only.
+
+    Where the former is not kept the latter stays for a while.
+    """
     rng = random.Random(seed := 5)
     print(f"seed {seed}")
     bits = {"time": 48, "count": 31, "age": 32, "period": 32}
@@ -23,15 +27,16 @@ def test_latches():
         for state, (row, frame) in zip(states, rows, strict=True)
     ]
     names = [f"{latch}.{name}" for latch in ("first", "last") for name in bits]
-    got = trace(AngleLatch(), [*stimulus, {}], names)
+    got = trace(AngleLatch(keep_first=keep_first), [*stimulus, {}], [*names, "first_is_last"])
     want = dict.fromkeys(names, 0)
     for clock, (state, (row, frame)) in enumerate(zip(states, rows, strict=True)):
         for name, value in state.items():
-            if frame:
+            if frame and keep_first:
                 want[f"first.{name}"] = value
-            if row:
+            if frame or (row and (keep_first or not any(frame for _, frame in rows[max(clock - 7, 0) : clock]))):
                 want[f"last.{name}"] = value
         assert {name: got[name][clock + 1] for name in names} == want
+        assert got["first_is_last"][clock + 1] == frame
 
 
 def run(log, moves, takes, clocks, start=0):

@@ -31,10 +31,13 @@ class Host:
         fields = {"sequence": self.sequence, "write": write, "address": address, "value": value, "refusal": refusal}
         ctx.set(dut.command.payload, fields)
         ctx.set(dut.command.valid, 1)
-        await ctx.tick().until(dut.command.ready)
-        ctx.set(dut.command.valid, 0)
+        if dut.keep:
+            await ctx.tick().until(dut.command.ready)
+            ctx.set(dut.command.valid, 0)
         ctx.set(dut.answer.ready, 1)
-        (answer,) = await ctx.tick().sample(dut.answer.payload).until(dut.answer.valid)
+        answer, ready = await ctx.tick().sample(dut.answer.payload, dut.command.ready).until(dut.answer.valid)
+        assert ready == (not dut.keep)
+        ctx.set(dut.command.valid, 0)
         ctx.set(dut.answer.ready, 0)
         assert (answer.to, answer.address) == (self.sequence, address)
         return CODES(answer.code), answer.value
@@ -56,12 +59,13 @@ class Host:
 
 def run(test, clocks=200_000):
     """Run ``test(host)`` on a register file after reset."""
-    dut = RegisterFile(FEATURES)
+    for keep in (True, False):
+        dut = RegisterFile(FEATURES, keep=keep)
 
-    async def testbench(ctx):
-        await test(Host(ctx, dut))
+        async def testbench(ctx, dut=dut):
+            await test(Host(ctx, dut))
 
-    simulate(dut, testbench, clocks=clocks)
+        simulate(dut, testbench, clocks=clocks)
 
 
 def values_of(r):

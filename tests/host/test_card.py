@@ -8,7 +8,7 @@ import pytest
 
 from magtrak import protocol
 from magtrak.built import Built
-from magtrak.card import Card
+from magtrak.card import Card, Identity
 from magtrak.errors import CardError, EndOfStreamError, SettingsError
 from magtrak.link import Link
 from magtrak.motor import Motor
@@ -201,3 +201,9 @@ def test_the_lease_is_renewed_while_frames_are_awaited() -> None:
                 break
         # A lease of 1 s is renewed five times in it.
         assert 4 <= fake.commands - before <= 8
+
+
+@pytest.mark.parametrize(("full_rows", "max_rows", "rows"), [(1, 64, 64), (0, 64, 256), (0, 1024, 2048)])
+def test_a_card_with_compact_rows_only_has_four_times_as_many(full_rows: int, max_rows: int, rows: int) -> None:
+    built = Built(full_rows << protocol.FEATURES.index("full_rows"), 0)
+    assert Identity(1, 0, CLOCK_HZ, 640, max_rows, built).rows == rows

@@ -21,7 +21,7 @@ def main(port: str | None, baud: int) -> None:
             ("serial number", one.serial_text),
             ("protocol", f"version {one.version}, map 0x{one.map_hash:08X}"),
             ("clock", f"{one.clock_hz / 1e6:g} MHz"),
-            ("images", f"up to {one.max_columns} x {one.max_rows}"),
+            ("images", f"up to {one.max_columns} x {one.rows}"),
             ("built with", str(one.built)),
             ("UART", f"{one.link_baud} baud" if one.link_baud else "none: USB, or a virtual card"),
             ("measurement", state.measurement()),

@@ -26,7 +26,7 @@ def main(ports: tuple[str, ...], every: bool, baud: int) -> None:
         for one in cards:
             card, candidate = one.identity, one.candidate
             assert card is not None
-            size, clock = f"{card.max_columns} x {card.max_rows}", f"{card.clock_hz / 1e6:g} MHz"
+            size, clock = f"{card.max_columns} x {card.rows}", f"{card.clock_hz / 1e6:g} MHz"
             usb = f"{candidate.usb} {candidate.product}".strip() or "-"
             rows.append((candidate.port, card.serial_text, str(card.version), size, clock, usb))
         click.echo(table(rows))
