@@ -171,6 +171,23 @@ def test_cylinder_and_box_of_the_second_example() -> None:
         artefacts.shapes(cast([WALL, scene[2]]), 160, (380, 620, 300))
 
 
+@pytest.mark.parametrize("lean_deg", [40.0, 62.0])
+def test_a_cylinder_whose_end_is_seen(lean_deg: float) -> None:
+    """A short one that leans towards the camera: its flat end, all of one normal, has many of the points, or most."""
+    pose = pose_of((100, -60, 1900), np.radians([lean_deg, 0, 25]))
+    cloud = cast([WALL, Cylinder(160, 330, pose)])
+    local = (np.stack([cloud[name] for name in "xyz"], axis=-1) - pose[:3, 3]) @ pose[:3, :3]
+    across = np.hypot(local[:, 0], local[:, 2])
+    end = (np.abs(local[:, 1] - 165) < 2) & (across < 150) | (np.abs(local[:, 1] + 165) < 2) & (across < 150)
+    side = (np.abs(across - 160) < 2) & (np.abs(local[:, 1]) < 160)
+    print(f"{end.sum()} points on the end, {side.sum()} on the side")
+    assert (end.sum() > side.sum()) == (lean_deg > 50)
+    fit = find_cylinder(cloud, 160)
+    assert fit.radius == pytest.approx(160, abs=0.2)
+    assert abs(fit.axis @ pose[:3, 1]) == pytest.approx(1, abs=1e-5)
+    assert 0.4 * NOISE_MM < fit.rms < NOISE_MM
+
+
 def test_step() -> None:
     lean = np.array([0.1, -0.05, 0.02])
     low, high = (pose_of(np.array([x, 20, 1950]), lean) for x in (-160, 120))

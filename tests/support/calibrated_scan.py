@@ -89,6 +89,11 @@ def calibrate(session: Path, output: Path, *options: str | Path) -> str:
     return _done("magtrak", "calibrate", "joint", session, "--output", output, *options)
 
 
+def calibrate_ports(session: Path, air: Path, rule: Path, output: Path) -> str:
+    """The ports from a session under water by the command; what it prints."""
+    return _done("magtrak", "calibrate", "ports", session, "--calibration", air, "--measured", rule, "--output", output)
+
+
 def true_rig(scene: str = RIG) -> TrueRig:
     """What the tools shall find. The pictures of a session are exposed otherwise than those of a scan."""
     what = Scene.load(scene)

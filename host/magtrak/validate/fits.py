@@ -160,14 +160,19 @@ def fit_cylinder(points: Floats, axis: Floats | None = None) -> CylinderFit:
     )
 
 
-def axis_of(points: Floats, neighbours: int = 20) -> Floats:
-    """Direction that is across most normals of (N, 3) points: the axis, where they lie on a cylinder."""
+def normals_of(points: Floats, neighbours: int = 20) -> Floats:
+    """(N, 3) unit normals, of either sign, at (N, 3) points of a surface: across what their nearest neighbours span."""
     from scipy.spatial import cKDTree
 
+    near = cKDTree(points).query(points, min(neighbours, len(points)))[1]
+    spread = points[near] - points[near].mean(axis=1, keepdims=True)
+    return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0])
+
+
+def axis_of(points: Floats) -> Floats:
+    """Direction that is across most normals of (N, 3) points: the axis, where they lie on the side of a cylinder."""
     some = points if len(points) <= 4000 else points[np.linspace(0, len(points) - 1, 4000).astype(int)]
-    near = cKDTree(some).query(some, min(neighbours, len(some)))[1]
-    spread = some[near] - some[near].mean(axis=1, keepdims=True)
-    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0]
+    normals = normals_of(some)
     weights = np.ones(len(normals))
     axis = np.zeros(3)
     for _ in range(ROUNDS):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import Booleans, Floats, Integers, Records
 from ..errors import MagtrakError
-from .fits import CylinderFit, PlaneFit, SphereFit, fit_cylinder, fit_plane, fit_sphere
+from .fits import CylinderFit, PlaneFit, SphereFit, fit_cylinder, fit_plane, fit_sphere, normals_of
 from .light import light_source
 
 GAP = 0.012
@@ -32,6 +32,12 @@ MOST_TRIMMED = 0.25
 
 ROUGHLY = 3000
 """Points that are enough to see whether a piece is worth a closer look."""
+
+LEAST_AROUND = 0.2
+"""Part of a piece's points that lie on the side of a cylinder, at least; the others may be on its end."""
+
+LEAST_TURN = 0.3
+"""Sine of the angle between two normals from which an axis is told."""
 
 BORDER = 2
 """Rows and frames at the border of a plane that are left out: the line may lie half on it."""
@@ -201,10 +207,14 @@ def find_cylinder(cloud: Records, radius: float) -> CylinderFit:
 def _as_cylinder(points: Floats, radius: float, light: Floats | None) -> CylinderFit | float | None:
     """The piece as a cylinder, without ends and slanting parts; its radius where that is another; None for neither."""
     try:
-        fit = fit_cylinder(points[:: max(len(points) // ROUGHLY, 1)])
-        if abs(fit.radius / radius - 1) > 6 * SIZE_TOLERANCE:
+        some = points[:: max(len(points) // ROUGHLY, 1)]
+        start = _cylinder_consensus(some, radius)
+        if start is None:
+            fit = fit_cylinder(some)
             looks_round = fit.rms < 0.05 * radius and fit.radius < 3 * radius
             return fit.radius if looks_round and fit.trimmed < MOST_TRIMMED else None
+        axis, on_it = start
+        fit = fit_cylinder(some[on_it], axis)
         for _ in range(3):
             along = (points - fit.point) @ fit.axis
             low, high = np.percentile(along, [0.5, 99.5])
@@ -220,9 +230,37 @@ def _as_cylinder(points: Floats, radius: float, light: Floats | None) -> Cylinde
             fit = fit_cylinder(points[good], fit.axis)
     except (MagtrakError, np.linalg.LinAlgError):
         return None
-    if fit.trimmed > MOST_TRIMMED or fit.rms > 0.05 * radius:
+    off = abs(fit.radius / radius - 1)
+    if fit.trimmed > MOST_TRIMMED or fit.rms > 0.05 * radius or off > 6 * SIZE_TOLERANCE:
         return None
-    return fit if abs(fit.radius / radius - 1) < SIZE_TOLERANCE else fit.radius
+    return fit if off < SIZE_TOLERANCE else fit.radius
+
+
+def _cylinder_consensus(points: Floats, radius: float, tries: int = 500) -> tuple[Floats, Booleans] | None:
+    """Of cylinders through two points and their normals, the one of about the radius that most points lie on: its axis,
+    and those points; None with too few.
+
+    A flat end in sight may have as many points as the side, or more, all with one normal: they tell an axis only
+    together with what is round. Source: R. Schnabel, R. Wahl, R. Klein, "Efficient RANSAC for Point-Cloud Shape
+    Detection", 2007.
+    """
+    rng = np.random.default_rng(3)
+    normals = normals_of(points)
+    first, second = rng.integers(len(points), size=(2, tries))
+    n, m, way = normals[first], normals[second], points[second] - points[first]
+    axes = np.cross(n, m)
+    sine = np.linalg.norm(axes, axis=1)
+    usable = sine > LEAST_TURN
+    axes[usable] /= sine[usable, None]
+    # In the plane across the axis both normals lead to its foot: s n = way + t m.
+    s, t = (np.sum(np.cross(way, other) * axes, axis=1) / np.maximum(sine, LEAST_TURN) for other in (m, n))
+    usable &= np.all(np.abs(np.abs([s, t]) / radius - 1) < 3 * SIZE_TOLERANCE, axis=0)
+    best, most = None, LEAST_AROUND * len(points)
+    for foot, axis in zip((points[first] + s[:, None] * n)[usable], axes[usable], strict=True):
+        on_it = np.abs(np.linalg.norm(np.cross(points - foot, axis), axis=1) / radius - 1) < SIZE_TOLERANCE
+        if on_it.sum() > most:
+            best, most = (axis, on_it), on_it.sum()
+    return best
 
 
 def _inner(cloud: Records, piece: Integers) -> Integers:
