@@ -95,7 +95,7 @@ FRAME_FLAGS = Layout(
         Field("laser_on", 1, "the laser was enabled for the whole frame"),
         Field("encoder_fault", 1, "an illegal transition or a wrong count per turn since the frame before"),
         Field("camera_fault", 1, "the image broke the camera's contract: see camera_errors"),
-        Field("rows_lost", 1, "the image had more rows than the card stores, or than it could write; the first ones are here"),
+        Field("rows_lost", 1, "the image had more rows than the card stores or could write; the first ones are here"),
         Field("motor_stopped", 1, "a fault has stopped the motor: see motor_cause"),
         Field("_reserved", 9),
     ),
