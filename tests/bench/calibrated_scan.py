@@ -10,10 +10,7 @@ Rendering and the card take 20 minutes of one processor, a further seed ten; pic
 """
 
 import math
-import os
-import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -28,6 +25,7 @@ from magtrak.validate.segments import find_cylinder, find_planes, find_spheres
 from sim.scene import Scene
 from sim.surfaces import Cylinder, Plane, Sphere
 from tests.bench import Figure
+from tests.bench._seeds import by_seeds
 from tests.support import unseen
 from tests.support.calibrated_scan import (
     BINARY,
@@ -44,7 +42,6 @@ from tests.support.calibrated_scan import (
 from tests.support.calibration_rig import plane_error
 from tests.support.noise import column_noise_px
 
-SEEDS = tuple(int(seed) for seed in os.environ.get("SEEDS", "1").split(","))
 DISTANCES_M = (0.5, 1.0, 2.0, 3.0)
 CLOSE = f"{Path(__file__).with_name('artefacts-close.toml')}"
 SCENES = {CLOSE: "0.5 m", "artefacts-near": "0.75 to 1 m", "artefacts": "2 m", "artefacts-far": "3 m"}
@@ -54,12 +51,7 @@ WITH_GOALS = "2 m"
 
 
 def run() -> Iterator[Figure]:
-    # One thread: matrices of three columns are no work to share, and the card needs the other processor.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for seed in SEEDS:
-        with tempfile.TemporaryDirectory() as name:
-            for figure in _seed(seed, Path(name)):
-                yield replace(figure, what=f"seed {seed}: {figure.what}")
+    yield from by_seeds(_seed)
 
 
 def _seed(seed: int, folder: Path) -> Iterator[Figure]:

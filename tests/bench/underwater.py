@@ -6,10 +6,7 @@ the calibration that knows of no water.
 """
 
 import json
-import os
-import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -21,6 +18,7 @@ from magtrak.validate.segments import find_planes, find_spheres, positions
 from sim.scene import FOLDER, Scene
 from sim.surfaces import Plane, Sphere
 from tests.bench import Figure
+from tests.bench._seeds import by_seeds
 from tests.support.calibrated_scan import (
     Pictures,
     calibrate,
@@ -34,7 +32,6 @@ from tests.support.water import nominal
 
 WATER = "water"
 VIEWS, LIT = 10, 3
-SEEDS = tuple(int(seed) for seed in os.environ.get("SEEDS", "1").split(","))
 
 ON_WALL_MM = 5.0
 
@@ -46,11 +43,7 @@ albedo = [0.5, 0.5, 0.5]
 
 
 def run() -> Iterator[Figure]:
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for seed in SEEDS:
-        with tempfile.TemporaryDirectory() as name:
-            for figure in _seed(seed, Path(name)):
-                yield replace(figure, what=f"seed {seed}: {figure.what}")
+    yield from by_seeds(_seed)
 
 
 def _seed(seed: int, folder: Path) -> Iterator[Figure]:
