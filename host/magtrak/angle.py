@@ -8,18 +8,23 @@ leaves the count that the encoder shows.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
-from .arrays import Booleans, Floats
+from .arrays import Booleans, Floats, joined
 from .edges import SAME_EDGE_CLOCKS, Edges, edges_of_frame, wrapped_difference
 from .frames import Frame
 
 # An interval so many times as long as both its neighbours is a stop, not slow motion: turning round at constant
 # acceleration makes a ratio of at most 4.9.
 STANDSTILL_RATIO = 8.0
+
+TOGETHER = 8
+"""Frames whose angles and points are computed together where they wait."""
 
 # Edges kept before the first row in need: the curve uses two.
 _HISTORY = 8
@@ -39,7 +44,7 @@ class RowAngles:
     standing: Booleans
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Latched:
     """What a latch tells: no edge came from ``start`` to ``end`` (clocks since reset), and the count was ``count``."""
 
@@ -48,18 +53,19 @@ class Latched:
     count: int
 
 
-def latches(frame: Frame, last_count: int) -> list[Latched]:
+def latches(frame: Frame, last_count: int) -> tuple[Latched, Latched]:
     """The latches of a frame at its first and last row; ``last_count`` is its own, unwrapped over the stream."""
     header = frame.header
     first_count = last_count + wrapped_difference(header["first_count"], header["last_count"])
-    return [
-        Latched(header[f"{row}_time"] - header[f"{row}_age"] + SAME_EDGE_CLOCKS, header[f"{row}_time"], count)
-        for row, count in (("first", first_count), ("last", last_count))
-    ]
+    first, last = header["first_time"], header["last_time"]
+    return (
+        Latched(first - header["first_age"] + SAME_EDGE_CLOCKS, first, first_count),
+        Latched(last - header["last_age"] + SAME_EDGE_CLOCKS, last, last_count),
+    )
 
 
 def interpolate(
-    edges: Edges, times: Floats, origin: int, quiet_until: int, known: Sequence[Latched] = ()
+    edges: Edges, times: Floats, origin: int, quiet_until: int, known: Iterable[Latched] = ()
 ) -> tuple[Floats, Booleans]:
     """Positions in counts, and where the encoder stood still, at ``times`` (clocks after ``origin``).
 
@@ -68,60 +74,84 @@ def interpolate(
     Parameters
     ----------
     edges : all that are known around the times
-    times : clocks after ``origin``, ascending
+    times : clocks after ``origin``, ascending; what is given for whole clocks does not depend on ``origin``
     origin : clocks since reset
     quiet_until : clocks since reset until which no edge came after the last one
     known : where latches tell the count, which edges may not: a log that was thinned leaves out its last ones
     """
     t = (edges.time - origin).astype(np.float64)
-    p = edges.position.astype(np.float64)
+    count = len(t)
+    ends = np.searchsorted(times, t)
     # Interval i lies before edge i; the first and the last are open. How many rows are in each:
-    bounds = np.concatenate([[0], np.searchsorted(times, t), [len(times)]])
-    rows = bounds[1:] - bounds[:-1]
-    # What the encoder showed in each interval, and how far unlogged edges may have led away from it.
-    shown = np.append(edges.before[:1], edges.count).astype(np.float64)
-    away = np.append(edges.unlogged, edges.unlogged[-1:]).astype(np.float64)
-    away[away < 0] = np.inf
-    curves = _curves(t, p) if len(edges) > 1 else np.stack([np.append(t, t), shown + 0.5, *np.zeros((3, 2))])
-    still = _standing(t, times, quiet_until - origin) if len(edges) > 1 else np.ones(2, bool)
-    table = np.vstack([curves, shown - away, shown + 1 + away])
+    rows = np.empty(count + 1, np.intp)
+    rows[0], rows[1:-1], rows[-1] = ends[0], ends[1:] - ends[:-1], len(times) - ends[-1]
     # Each row takes its interval's numbers in one go: there are some twenty intervals and a thousand rows.
+    table = np.empty((7, count + 1))
+    _, c0, _, _, _, low, high = table
+    # What the encoder showed in each interval, and how far unlogged edges may have led away from it.
+    low[0], low[1:] = edges.before[0], edges.count
+    np.add(low, 1, out=high)
+    thinned = bool(edges.unlogged.any())
+    if thinned:
+        away = np.append(edges.unlogged, edges.unlogged[-1:]).astype(np.float64)
+        away[away < 0] = np.inf
+        low -= away
+        high += away
+    if count > 1:
+        _curves(t, edges.position.astype(np.float64), table[:5])
+        still = _standing(t, times, quiet_until - origin)
+    else:
+        table[:5] = 0
+        c0[:] = [edges.before[0] + 0.5, edges.count[0] + 0.5]
+        still = np.ones(2, bool)
     begin, c0, c1, c2, c3, low, high = table.repeat(rows, axis=1)
-    x = times - begin
-    position = c0 + x * (c1 + x * (c2 + x * c3))
-    if len(known):
-        starts = np.searchsorted(times, [latch.start - origin for latch in known])
-        ends = np.searchsorted(times, [latch.end - origin for latch in known], side="right")
-        for latch, start, end in zip(known, starts, ends, strict=True):
+    x = np.subtract(times, begin, out=begin)
+    position = c3  # ((c3 x + c2) x + c1) x + c0, in place
+    for c in (c2, c1, c0):
+        position *= x
+        position += c
+    if thinned:
+        for latch in known:
+            start = np.searchsorted(times, latch.start - origin)
+            end = np.searchsorted(times, latch.end - origin, side="right")
             low[start:end] = latch.count
             high[start:end] = latch.count + 1
     np.maximum(position, low, out=position)
     np.minimum(position, high, out=position)
-    standing = still.repeat(rows)
-    if len(edges) > 1 and rows[0]:
+    standing = np.zeros(len(times), bool)
+    if still.any():
+        standing |= still.repeat(rows)
+    if count > 1 and rows[0]:
         early = times[: rows[0]]
         standing[: rows[0]] |= t[0] - early > STANDSTILL_RATIO * (t[1] - t[0])
     if standing.any():
         sure = standing & (high - low == 1)
         position[sure] = low[sure] + 0.5
-        if len(edges) > 1:
+        if count > 1:
             standing = sure
     return position, standing
 
 
-def _curves(t: Floats, p: Floats) -> Floats:
-    """For each interval, the open ones included: where it begins, and the coefficients of its polynomial from there."""
+def _curves(t: Floats, p: Floats, table: Floats) -> None:
+    """For each interval, the open ones included: where it begins, and the coefficients of its polynomial from there.
+
+    Parameters
+    ----------
+    t, p : time and position of each edge, (N,)
+    table : takes them, (5, N + 1)
+    """
     h = t[1:] - t[:-1]
     s = (p[1:] - p[:-1]) / h
     slope, bend = _derivatives(h, s)
-    begin, c0, c1, c2, c3 = curves = np.zeros((5, len(t) + 1))
+    begin, c0, c1, c2, c3 = table
     begin[0], begin[1:] = t[0], t
     c0[0], c0[1:] = p[0], p
     c1[0], c1[1:] = slope[0], slope
     # Hermite's cubic between two edges; the outermost parabolas go on.
-    c2[0], c2[1:-1], c2[-1] = bend[0] / 2, (3 * s - 2 * slope[:-1] - slope[1:]) / h, bend[-1] / 2
-    c3[1:-1] = (slope[:-1] + slope[1:] - 2 * s) / (h * h)
-    return curves
+    left = s - slope[:-1]
+    twist = (slope[1:] - s - left) / h
+    c2[0], c2[1:-1], c2[-1] = bend[0] / 2, left / h - twist, bend[-1] / 2
+    c3[0], c3[1:-1], c3[-1] = 0, twist / h, 0
 
 
 def _derivatives(h: Floats, s: Floats) -> tuple[Floats, Floats]:
@@ -149,12 +179,30 @@ def _standing(t: Floats, times: Floats, quiet_until: float) -> Booleans:
     """Whether each interval is so long that the encoder must have stood; that before the first edge is not judged."""
     h = t[1:] - t[:-1]
     still = np.zeros(len(t) + 1, bool)
-    if h.max() > STANDSTILL_RATIO * h.min():
+    lengths = h.tolist()
+    if max(lengths) > STANDSTILL_RATIO * min(lengths):
         longer_neighbour = np.maximum(np.concatenate([[0.0], h[:-1]]), np.concatenate([h[1:], [0.0]]))
         still[1:-1] = (h > STANDSTILL_RATIO * longer_neighbour) & (longer_neighbour > 0)
     latest = max(quiet_until, float(times[-1]) if len(times) else 0.0)
-    still[-1] = latest - t[-1] > STANDSTILL_RATIO * h[-1]
+    still[-1] = latest - t[-1] > STANDSTILL_RATIO * lengths[-1]
     return still
+
+
+class _Waiting(NamedTuple):
+    """A frame that is held back: its ``last_count`` unwrapped, its times' offset in whole clocks."""
+
+    frame: Frame
+    last_count: int
+    offset: int
+
+    @property
+    def first(self) -> int:
+        """When its first row's light was gathered."""
+        return self.frame.header["first_time"] + self.offset
+
+    @property
+    def last(self) -> int:
+        return self.frame.header["last_time"] + self.offset
 
 
 class AngleTracker:
@@ -175,12 +223,18 @@ class AngleTracker:
         self.time_offset_s = time_offset_s
         self.patience_s = patience_s
         self._edges = Edges.none()
-        self._waiting: deque[tuple[Frame, int]] = deque()
+        self._waiting: deque[_Waiting] = deque()
+        self._known = 0  # of those waiting, from the first: two edges after them are there
+        self._latches: list[Latched] = []
         self._last_frame: Frame | None = None
         self._last_count = 0
 
-    def push(self, frame: Frame) -> list[tuple[Frame, RowAngles]]:
-        """Take the next frame; give those whose angles are known now, in order."""
+    def push(self, frame: Frame, *, more: bool = False) -> list[tuple[Frame, RowAngles]]:
+        """Take the next frame; give those whose angles are known now, in order.
+
+        With ``more`` the next one is there already: up to ``TOGETHER`` are kept to be done at once, with the same
+        angles.
+        """
         before, count_before = self._last_frame, self._last_count
         if before is None:
             self._last_count = frame.header["last_count"]
@@ -196,49 +250,65 @@ class AngleTracker:
             count_before=None if before is None else count_before,
         )
         self._last_frame = frame
-        self._waiting.append((frame, self._last_count))
+        self._latches += latches(frame, self._last_count)
+        offset = round((self.time_offset_s + frame.header["time_offset_ns"] * 1e-9) * self.clock_hz)
+        self._waiting.append(_Waiting(frame, self._last_count, offset))
         ready = []
-        while self._waiting and self._is_ready():
-            ready.append(self._release())
+        while self._known < len(self._waiting):
+            if self._two_edges_after(self._waiting[self._known]):
+                self._known += 1
+            elif frame.header["last_time"] - self._waiting[self._known].last > self.patience_s * self.clock_hz:
+                ready += self._release(self._known) + self._release(1)
+            else:
+                break
+        if not more or self._known >= TOGETHER:
+            ready += self._release(self._known)
         return ready
 
     def flush(self) -> list[tuple[Frame, RowAngles]]:
         """The frames held back, by what is known: nothing more will come."""
-        return [self._release() for _ in range(len(self._waiting))]
+        ready = self._release(self._known)
+        while self._waiting:
+            ready += self._release(1)
+        return ready
 
-    def _offset_clocks(self, frame: Frame) -> float:
-        return (self.time_offset_s + frame.header["time_offset_ns"] * 1e-9) * self.clock_hz
+    def _two_edges_after(self, item: _Waiting) -> bool:
+        return len(self._edges) >= 2 and bool(self._edges.time[-2] > item.last)
 
-    def _is_ready(self) -> bool:
-        frame = self._waiting[0][0]
-        end = frame.header["last_time"] + self._offset_clocks(frame)
-        newest = self._waiting[-1][0].header["last_time"]
-        two_after = len(self._edges) >= 2 and bool(self._edges.time[-2] > end)
-        return two_after or newest - end > self.patience_s * self.clock_hz
+    def _release(self, count: int) -> list[tuple[Frame, RowAngles]]:
+        """The first ones waiting."""
+        items = [self._waiting.popleft() for _ in range(count)]
+        self._known = max(self._known - count, 0)
+        # Row times ascend over all of them only where their offset is the same.
+        return [pair for _, some in groupby(items, lambda item: item.offset) for pair in self._angles(list(some))]
 
-    def _release(self) -> tuple[Frame, RowAngles]:
-        frame, last_count = self._waiting.popleft()
-        header = frame.header
-        offset = self._offset_clocks(frame)
-        start = int(np.searchsorted(self._edges.time, header["first_time"] + min(offset, 0.0)))
+    def _angles(self, items: list[_Waiting]) -> list[tuple[Frame, RowAngles]]:
+        first = items[0]
+        start = int(np.searchsorted(self._edges.time, min(first.first, first.frame.header["first_time"])))
         self._edges = self._edges[max(start - _HISTORY, 0) :]
-        times = frame.row_times() + offset
+        self._latches = [latch for latch in self._latches if latch.end >= first.first]
+        origin = first.first
+        times = joined([item.frame.row_times + (item.first - origin) for item in items])
         if len(self._edges):
-            newest = self._waiting[-1][0] if self._waiting else frame
-            known = [latch for item in [(frame, last_count), *self._waiting] for latch in latches(*item)]
-            position, standing = interpolate(
-                self._edges, times, header["first_time"], newest.header["last_time"], known
-            )
+            assert self._last_frame is not None
+            quiet = self._last_frame.header["last_time"]
+            position, standing = interpolate(self._edges, times, origin, quiet, self._latches)
         else:
-            first = last_count + wrapped_difference(header["first_count"], header["last_count"])
-            position, standing = np.full(len(times), first + 0.5), np.ones(len(times), bool)
-        index = last_count + wrapped_difference(header["index_count"], header["last_count"])
-        return frame, RowAngles(position - index, standing)
+            position, standing = np.empty(len(times)), np.ones(len(times), bool)
+        found, end = [], 0
+        for item in items:
+            header = item.frame.header
+            rows = slice(end, end := end + len(item.frame.rows))
+            if not len(self._edges):
+                position[rows] = item.last_count + wrapped_difference(header["first_count"], header["last_count"]) + 0.5
+            position[rows] -= item.last_count + wrapped_difference(header["index_count"], header["last_count"])
+            found.append((item.frame, RowAngles(position[rows], standing[rows])))
+        return found
 
 
 def bare_angles(frame: Frame) -> RowAngles:
     """One bare count for the whole image, as a card without edge log would have: the paper's way, to compare with."""
     header = frame.header
     counts = wrapped_difference(header["first_count"], header["index_count"])
-    rows = len(frame.rows.row)
+    rows = len(frame.rows)
     return RowAngles(np.full(rows, float(counts)), np.zeros(rows, bool))

@@ -1,6 +1,7 @@
 """Names for the array types that the package uses."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,3 +20,10 @@ Records = npt.NDArray[np.void]
 
 Numbers = npt.NDArray[Any]
 """Numbers of any type."""
+
+Array = TypeVar("Array", bound=npt.NDArray[Any])
+
+
+def joined(arrays: Sequence[Array]) -> Array:
+    """One after the other; a single one is not copied."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)  # type: ignore[return-value]

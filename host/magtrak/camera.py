@@ -68,12 +68,16 @@ class BrownConrady:
         self.distortion = np.zeros(8)
         self.distortion[: len(distortion)] = distortion
         self.centre: Floats = np.zeros(3)
+        # As Python's numbers, with which numpy's arithmetic is twice as fast as with its own.
+        self._parts = tuple(float(self.matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        self._coefficients = tuple(self.distortion.tolist())
+        self._tangential = self.distortion[[3, 2], None]
         self.steps = self._find_steps(width, height) if steps is None else steps
 
     def direction(self, u: Floats, v: Floats) -> Floats:
-        x, y = self._undistort(*self._normalise(u, v), self.steps)
-        directions = np.ones((3, len(x)))  # component by component, as the arithmetic on many rays likes it
-        directions[0], directions[1] = x, y
+        xy = self._undistort(self._normalise(u, v), self.steps)
+        directions = np.ones((3, xy.shape[1]))  # component by component, as the arithmetic on many rays likes it
+        directions[:2] = xy
         return directions.T
 
     def ray(self, u: Floats, v: Floats) -> Floats:
@@ -82,51 +86,58 @@ class BrownConrady:
     def project(self, points: Floats) -> Floats:
         points = np.asarray(points, dtype=np.float64)
         z = np.where(points[:, 2] > 0, points[:, 2], np.nan)
-        x, y = self._distort(points[:, 0] / z, points[:, 1] / z)
-        return np.stack(self._pixels(x, y), axis=-1)
+        return self._pixels(self._distort(points.T[:2] / z)).T
 
-    def _normalise(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-        k = self.matrix
-        return (np.asarray(u) - k[0, 2]) / k[0, 0], (np.asarray(v) - k[1, 2]) / k[1, 1]
+    # Points below are (2, N): x and y, where z is 1.
 
-    def _pixels(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        k = self.matrix
-        return k[0, 0] * x + k[0, 2], k[1, 1] * y + k[1, 2]
+    def _normalise(self, u: Floats, v: Floats) -> Floats:
+        fx, fy, cx, cy = self._parts
+        xy = np.empty((2, len(u)))
+        np.multiply(u, 1 / fx, out=xy[0])
+        np.multiply(v, 1 / fy, out=xy[1])
+        xy -= [[cx / fx], [cy / fy]]
+        return xy
 
-    def _terms(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
-        """Radial factor and tangential shifts at an undistorted point."""
-        k1, k2, p1, p2, k3, k4, k5, k6 = self.distortion
-        xx, yy, xy2 = x * x, y * y, 2 * x * y
-        r2 = xx + yy
+    def _pixels(self, xy: Floats) -> Floats:
+        fx, fy, cx, cy = self._parts
+        return np.asarray([[fx], [fy]] * xy + [[cx], [cy]])
+
+    def _terms(self, xy: Floats) -> tuple[Floats, Floats]:
+        """Radial factor (N,) and tangential shift (2, N) at undistorted points."""
+        k1, k2, p1, p2, k3, k4, k5, k6 = self._coefficients
+        x, y = xy
+        r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
         if k4 or k5 or k6:
             radial = radial / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        dx = p1 * xy2 + p2 * (r2 + 2 * xx)
-        dy = p1 * (r2 + 2 * yy) + p2 * xy2
-        return radial, dx, dy
+        # x: 2 p1 x y + p2 (r2 + 2 x^2); y: p1 (r2 + 2 y^2) + 2 p2 x y
+        shift = (2 * p2 * x + 2 * p1 * y) * xy
+        shift += r2 * self._tangential
+        return radial, shift
 
-    def _distort(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        radial, dx, dy = self._terms(x, y)
-        return x * radial + dx, y * radial + dy
+    def _distort(self, xy: Floats) -> Floats:
+        radial, shift = self._terms(xy)
+        return xy * radial + shift
 
-    def _undistort(self, xd: Floats, yd: Floats, steps: int) -> tuple[Floats, Floats]:
-        x, y = xd, yd
+    def _undistort(self, distorted: Floats, steps: int) -> Floats:
+        xy = distorted
         for _ in range(steps):
-            radial, dx, dy = self._terms(x, y)
-            x, y = (xd - dx) / radial, (yd - dy) / radial
-        return x, y
+            radial, shift = self._terms(xy)
+            np.subtract(distorted, shift, out=shift)
+            shift /= radial
+            xy = shift
+        return xy
 
     def _find_steps(self, width: int, height: int) -> int:
         along = np.linspace(0, 1, 17)
         zero, one = np.zeros_like(along), np.ones_like(along)
         u = np.concatenate([along, along, zero, one]) * (width - 1)
         v = np.concatenate([zero, one, along, along]) * (height - 1)
-        xd, yd = self._normalise(u, v)
+        distorted = self._normalise(u, v)
         error = np.full_like(u, np.inf)
         with np.errstate(all="ignore"):  # what diverges shows in the error
             for steps in range(1, self.MAX_STEPS + 1):
-                x, y = self._undistort(xd, yd, steps)
-                back_u, back_v = self._pixels(*self._distort(x, y))
+                back_u, back_v = self._pixels(self._distort(self._undistort(distorted, steps)))
                 error = np.nan_to_num(np.hypot(back_u - u, back_v - v), nan=np.inf)
                 if error.max() < self.TOLERANCE_PX:
                     return steps

@@ -146,11 +146,14 @@ def _plausible(edges: Edges, header: Mapping[str, int]) -> Edges:
     """
     time = edges.time
     latest = header["last_time"] - header["last_age"] + SAME_EDGE_CLOCKS
+    in_order = time.tolist()
+    if in_order[-1] <= latest and in_order == sorted(in_order):
+        return edges
     wrong = (time > latest) & (time <= header["last_time"])
     bad = wrong.copy()
     bad[1:] |= time[1:] < time[:-1]
     if not bad.any():
-        return edges
+        return edges  # one came after the last row
     # What comes before a fall in time, or a wrong edge, is older still.
     last_bad = int(np.flatnonzero(bad)[-1])
     return edges[last_bad + 1 if wrong[last_bad] else last_bad :]

@@ -47,21 +47,26 @@ class Laser:
 
     def alpha(self, counts: Floats) -> Floats:
         """Angles in rad, wrapped to +-pi, of positions in counts from the index (fractions included)."""
-        turns = self.sense * self.corrected(counts) / self.counts_per_turn + self.zero_rad / (2 * np.pi)
-        return np.asarray((turns - np.round(turns)) * (2 * np.pi))
+        turns = self.corrected(counts) * (self.sense / self.counts_per_turn)
+        turns += self.zero_rad / (2 * np.pi)
+        turns -= np.rint(turns)
+        turns *= 2 * np.pi
+        return turns
 
     def planes(self, alpha: Floats) -> tuple[Floats, Floats]:
         """Planes n . P = d in C: unit normals (N, 3) and d (N,) in mm, for angles (N,)."""
-        parts = self._parts
-        planes = parts[0] * -np.sin(alpha) + parts[1] * np.cos(alpha) + parts[2]
+        of_sine, of_cosine, constant = self._parts
+        planes = of_sine * np.sin(alpha)
+        planes += of_cosine * np.cos(alpha)
+        planes += constant
         return planes[:3].T, planes[3]
 
     @cached_property
     def _parts(self) -> Floats:
-        """Normal and d are linear in -sin(alpha), cos(alpha) and 1: (3, 4, 1), the coefficients of each."""
+        """Normal and d are linear in sin(alpha), cos(alpha) and 1: (3, 4, 1), the coefficients of each."""
         cos_tilt, sin_tilt = np.cos(self.tilt_rad), np.sin(self.tilt_rad)
         # Columns: the laser's axes in C; n = -sin(alpha) cos(tilt) X + cos(alpha) cos(tilt) Y + sin(tilt) Z.
         axes, origin = self.camera_from_laser[:3, :3], self.camera_from_laser[:3, 3]
-        normal = np.array([cos_tilt, cos_tilt, sin_tilt])[:, None] * axes.T
+        normal = np.array([-cos_tilt, cos_tilt, sin_tilt])[:, None] * axes.T
         d = normal @ origin + [0, 0, self.offset_mm]
         return np.hstack([normal, d[:, None]])[:, :, None]

@@ -1,24 +1,20 @@
 """From frames to a cloud: angles, rays, planes, points, and the count of everything that gave none."""
 
 from dataclasses import dataclass
-from typing import TypeVar
+from itertools import groupby
 
 import numpy as np
 
-from .angle import AngleTracker, RowAngles, bare_angles
-from .arrays import Booleans, Floats, Integers, Records
+from .angle import TOGETHER, AngleTracker, RowAngles, bare_angles
+from .arrays import Booleans, Records, joined
 from .calibration import Calibration
 from .cloud.points import POINT
 from .errors import CalibrationError, CardResetError
 from .frames import Frame
 from .locate import locator
 from .protocol import Phase
-from .triangulate import MIN_SINE, quality
-
-TOGETHER = 8
-"""Frames whose points are computed together where they wait."""
-
-QUALITY_FLAGS = ("ambiguous", "saturated", "cut", "overflow")
+from .rows import Rows
+from .triangulate import MIN_SINE
 
 
 @dataclass
@@ -122,7 +118,7 @@ class Scan:
         self.counts.frames += 1
         errors = max(frame.encoder_errors - self._first.encoder_errors, 0)
         self.counts.encoder_errors = self._encoder_errors_before + errors
-        self._ready += [(frame, bare_angles(frame))] if self.bare else self._tracker.push(frame)
+        self._ready += [(frame, bare_angles(frame))] if self.bare else self._tracker.push(frame, more=more)
         if not more or len(self._ready) >= TOGETHER:
             self._settle()
 
@@ -174,8 +170,8 @@ class Scan:
         """Points of the frames whose angles are known."""
         measured = [(frame, angles) for frame, angles in self._ready if self._is_measured(frame)]
         self._ready = []
-        if measured:
-            self._add(*zip(*measured, strict=True))
+        for _, some in groupby(measured, lambda pair: pair[0].rows.form):
+            self._add(*zip(*some, strict=True))
 
     def _is_measured(self, frame: Frame) -> bool:
         phase = frame.header["phase"]
@@ -190,45 +186,33 @@ class Scan:
         return False
 
     def _add(self, frames: tuple[Frame, ...], angles: tuple[RowAngles, ...]) -> None:
-        rows = [frame.rows for frame in frames]
-        valid, peak = _joined([each.valid for each in rows]), _joined([each.peak for each in rows])
-        width_px = _joined([each.width_px for each in rows])
-        flags = [_joined([getattr(each, name) for each in rows]) for name in QUALITY_FLAGS]
-        grade = quality(peak, width_px, *flags)
-        use = valid & (grade >= self.min_quality)
-        self.counts.poor += int(np.count_nonzero(valid)) - int(np.count_nonzero(use))
+        rows = Rows.joined([frame.rows for frame in frames])
+        use = rows.valid & (rows.quality >= self.min_quality) if self.min_quality > 0 else rows.valid
+        self.counts.poor += int(np.count_nonzero(rows.valid)) - int(np.count_nonzero(use))
         some = _all_or(use)
-        column = _joined([each.column_px for each in rows])[some]
-        row = _joined([each.row for each in rows])[some]
-        alpha = self.calibration.laser.alpha(_joined([each.counts for each in angles])[some])
+        column, row = rows.column_px[some], rows.row[some]
+        alpha = self.calibration.laser.alpha(joined([each.counts for each in angles])[some])
         found = self._locator.locate(column, row.astype(np.float64), alpha)
         self.counts.parallel += found.parallel
         self.counts.behind += found.behind
         good = _all_or(found.valid)
         where = found.points[good]
-        times = [self._seconds(frame) + frame.row_times() / self.clock_hz for frame in frames]
-        numbers = [self._number(frame) for frame in frames]
-        points = np.zeros(len(where), POINT)
+        times = [self._seconds(frame) + frame.row_times / self.clock_hz for frame in frames]
+        numbers = [np.full(len(frame.rows), self._number(frame)) for frame in frames]
+        points = np.empty(len(where), POINT)
         points["x"], points["y"], points["z"] = where.T
-        points["intensity"] = peak[some][good] / 255
-        points["quality"] = grade[some][good]
-        points["scalar_frame"] = np.repeat(numbers, [len(each.row) for each in rows])[some][good]
+        points["intensity"] = rows.peak[some][good] / 255
+        points["quality"] = rows.quality[some][good]
+        points["scalar_frame"] = joined(numbers)[some][good]
         points["scalar_row"] = row[good]
         points["scalar_column"] = column[good]
         points["scalar_angle"] = alpha[good]
-        points["scalar_width"] = width_px[some][good]
-        points["scalar_time"] = _joined(times)[some][good]
+        points["scalar_width"] = rows.width_px[some][good]
+        points["scalar_time"] = joined(times)[some][good]
         self.counts.points += len(points)
-        self.counts.standing += int(np.count_nonzero(_joined([each.standing for each in angles])[some][good]))
+        self.counts.standing += int(np.count_nonzero(joined([each.standing for each in angles])[some][good]))
         if len(points):
             self.chunks.append(points)
-
-
-T = TypeVar("T", Floats, Integers, Booleans)
-
-
-def _joined(arrays: list[T]) -> T:
-    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
 def _all_or(mask: Booleans) -> Booleans | slice:

@@ -1,4 +1,4 @@
-"""Rays and planes to points (eqs 8 to 10 of the paper, the sign of eq 10 corrected), and how good a point is."""
+"""Rays and planes to points (eqs 8 to 10 of the paper, the sign of eq 10 corrected)."""
 
 from dataclasses import dataclass
 
@@ -48,33 +48,14 @@ def triangulate(
     slope = nx * x + ny * y + nz * z
     crossing = slope * slope >= min_sine * min_sine * (x * x + y * y + z * z)
     crosses = int(np.count_nonzero(crossing))
-    height = offsets - normals @ centre if centre.any() else offsets
+    moved = bool(centre.any())
+    height = offsets - normals @ centre if moved else offsets
     distance = height / (slope if crosses == len(slope) else np.where(crossing, slope, 1.0))
     valid = crossing & (distance > 0)
     good = int(np.count_nonzero(valid))
     points = distance[:, None] * directions
-    if centre.any():
+    if moved:
         points += centre
     if good < len(valid):
         points[~valid] = np.nan
     return Triangulated(points, valid, len(valid) - crosses, crosses - good)
-
-
-def quality(
-    peak: Floats, width_px: Floats, ambiguous: Booleans, saturated: Booleans, cut: Booleans, overflow: Booleans
-) -> Floats:
-    """How far a point may be trusted, 0 to 1, for arrays of one shape.
-
-    quality = min(1, peak / 64) * min(1, width / 3, 32 / width)
-              * 0.2 if ambiguous * 0.8 if saturated * 0.5 if cut * 0 if overflow
-
-    A peak of 64 grey levels above the floor stands well clear of noise; a run narrower than 3 px carries no fraction of
-    a pixel, one wider than 32 px is hardly a line. An ambiguous row may be another thing altogether. An over-exposed
-    line is still measured on its flanks. A row that broke the camera's contract may be anything.
-    """
-    width = np.maximum(width_px, 1.0)
-    result = np.minimum(1.0, peak / 64) * np.minimum(1.0, np.minimum(width / 3, 32 / width))
-    for flag, factor in ((ambiguous, 0.2), (saturated, 0.8), (cut, 0.5), (overflow, 0.0)):
-        if flag.any():
-            result = np.where(flag, factor * result, result)
-    return result

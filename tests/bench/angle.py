@@ -117,7 +117,7 @@ def run_movement(
     for frame, angles in done:
         if not frame.flags["index_seen"]:
             continue
-        times = (frame.header["first_time"] + frame.row_times()) / CLOCK_HZ
+        times = (frame.header["first_time"] + frame.row_times) / CLOCK_HZ
         true.append(np.array([movement[0](t) for t in times]) * COUNTS / (2 * pi))
         rows.append(angles.counts)
         bare.append(bare_angles(frame).counts)

@@ -61,7 +61,7 @@ def _contents(payload: bytes) -> None:
         edges = len(frame.edges["time"])
         assert len(payload) == protocol.FRAME.size + edges * protocol.EDGE.size + len(rows.row) * size[form]
         assert np.isfinite(rows.column_px).all() and (rows.column_px >= 0).all() and (rows.column_px < 4096).all()
-        assert (np.diff(frame.row_times()) >= 0).all()
+        assert (np.diff(frame.row_times) >= 0).all()
     try:
         piece = decode_piece(payload)
     except DamagedPieceError:

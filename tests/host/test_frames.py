@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from magtrak import protocol
-from magtrak.frames import DamagedFrameError, decode_frame, unpack_records
+from magtrak.frames import DamagedFrameError, decode_frame
 from magtrak.protocol import Field, Layout, RowForm
+from magtrak.records import FieldArrays
 from tests.support.frames import full_rows
 
 HEADER = dict.fromkeys((f.name for f in protocol.FRAME.fields if not f.reserved), 0)
@@ -27,7 +28,7 @@ def test_records_unpack_as_one_by_one(data: st.DataObject) -> None:
     )
     count = data.draw(st.integers(0, 5))
     raw = data.draw(st.binary(min_size=count * layout.size, max_size=count * layout.size))
-    got = unpack_records(layout, raw, count)
+    got = FieldArrays(layout, raw, count)
     for n in range(count):
         one = layout.unpack(raw[n * layout.size : (n + 1) * layout.size])
         assert {name: int(values[n]) for name, values in got.items()} == one
@@ -39,7 +40,7 @@ def test_full_rows() -> None:
     assert frame.rows.column_px.tolist() == [12.5, 0, 63.25]
     assert frame.rows.valid.tolist() == [True, False, True]
     assert frame.rows.peak.tolist() == [200, 0, 200]
-    assert frame.row_times().tolist() == [0, 10, 20]
+    assert frame.row_times.tolist() == [0, 10, 20]
 
 
 def test_rows_of_an_interlaced_picture() -> None:
@@ -59,7 +60,7 @@ def test_compact_rows() -> None:
     flags = (rows.valid, rows.ambiguous, rows.saturated, rows.cut, rows.overflow)
     assert [bool(flag[0]) for flag in flags] == [True, True, False, True, False]
     assert (rows.peak[0], rows.width_px[0]) == (255, 15)
-    assert frame.row_times().tolist() == [0]
+    assert frame.row_times.tolist() == [0]
 
 
 def test_edges_and_flags() -> None:

@@ -6,7 +6,8 @@ import pytest
 from magtrak.calibration import Calibration
 from magtrak.camera import BrownConrady
 from magtrak.laser import Laser
-from magtrak.triangulate import MIN_SINE, quality, triangulate
+from magtrak.rows import quality
+from magtrak.triangulate import MIN_SINE, triangulate
 from tests.support.calibrations import example_calibration
 
 POSE = np.array(example_calibration()["laser"]["camera_from_laser"], float)

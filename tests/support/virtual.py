@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from magtrak.cloud.ply import read_ply
-from magtrak.triangulate import quality
+from magtrak.rows import quality
 
 BIN = Path(sys.executable).parent
 START_S = 300.0

@@ -61,7 +61,7 @@ class LineTaker:
             self.unreferenced += 1
             return
         number = self._first + ((frame.number - self._begin) & 0xFFFF_FFFF)
-        times = frame.row_times() / self._clock_hz
+        times = frame.row_times / self._clock_hz
         # One rate for an image: its rows are too few edges for more.
         rate = float(np.polyfit(times, angles.counts, 1)[0]) if len(times) > 1 and np.ptp(times) > 0 else 0.0
         rows = frame.rows

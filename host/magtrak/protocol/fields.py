@@ -1,5 +1,6 @@
 """Records of bit fields: the one description that both sides derive theirs from."""
 
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -74,6 +75,14 @@ class Layout:
             yield offset, field
             offset += field.bits
 
+    def place(self, name: str) -> tuple[int, Field]:
+        """Bit offset of a field, and the field."""
+        return self._places[name]
+
+    @cached_property
+    def _places(self) -> dict[str, tuple[int, Field]]:
+        return {field.name: (offset, field) for offset, field in self}
+
     def pack(self, values: Mapping[str, int]) -> bytes:
         word = 0
         for offset, field in self:
@@ -87,12 +96,24 @@ class Layout:
     def unpack(self, data: bytes | bytearray | memoryview) -> dict[str, int]:
         if len(data) != self.size:
             raise ValueError(f"{self.name} takes {self.size} bytes, got {len(data)}")
+        if self._whole is not None:
+            names, whole = self._whole
+            return dict(zip(names, whole.unpack(data), strict=True))
         word = int.from_bytes(data, "little")
         values = {}
         for name, offset, mask, sign in self._parts:
             value = word >> offset & mask
             values[name] = value - 2 * sign if value & sign else value
         return values
+
+    @cached_property
+    def _whole(self) -> tuple[list[str], struct.Struct] | None:
+        """Names and format where every field is a whole number as machines have them: that is faster."""
+        letters = {8: "b", 16: "h", 32: "i", 64: "q"}
+        if any(field.reserved or field.bits not in letters for field in self.fields):
+            return None
+        codes = (letters[field.bits] if field.signed else letters[field.bits].upper() for field in self.fields)
+        return [field.name for field in self.fields], struct.Struct("<" + "".join(codes))
 
     @cached_property
     def _parts(self) -> tuple[tuple[str, int, int, int], ...]:
