@@ -75,9 +75,9 @@ class BrownConrady:
         self.steps = self._find_steps(width, height) if steps is None else steps
 
     def direction(self, u: Floats, v: Floats) -> Floats:
-        xy = self._undistort(self._normalise(u, v), self.steps)
-        directions = np.ones((3, xy.shape[1]))  # component by component, as the arithmetic on many rays likes it
-        directions[:2] = xy
+        directions = np.empty((3, len(u)))  # component by component, as the arithmetic on many rays likes it
+        self._undistort(self._normalise(u, v), self.steps, directions[:2])
+        directions[2] = 1
         return directions.T
 
     def ray(self, u: Floats, v: Floats) -> Floats:
@@ -95,7 +95,8 @@ class BrownConrady:
         xy = np.empty((2, len(u)))
         np.multiply(u, 1 / fx, out=xy[0])
         np.multiply(v, 1 / fy, out=xy[1])
-        xy -= [[cx / fx], [cy / fy]]
+        xy[0] -= cx / fx
+        xy[1] -= cy / fy
         return xy
 
     def _pixels(self, xy: Floats) -> Floats:
@@ -119,14 +120,12 @@ class BrownConrady:
         radial, shift = self._terms(xy)
         return xy * radial + shift
 
-    def _undistort(self, distorted: Floats, steps: int) -> Floats:
-        xy = distorted
+    def _undistort(self, distorted: Floats, steps: int, out: Floats) -> None:
+        out[:] = distorted
         for _ in range(steps):
-            radial, shift = self._terms(xy)
-            np.subtract(distorted, shift, out=shift)
-            shift /= radial
-            xy = shift
-        return xy
+            radial, shift = self._terms(out)
+            np.subtract(distorted, shift, out=out)
+            out /= radial
 
     def _find_steps(self, width: int, height: int) -> int:
         along = np.linspace(0, 1, 17)
@@ -134,10 +133,11 @@ class BrownConrady:
         u = np.concatenate([along, along, zero, one]) * (width - 1)
         v = np.concatenate([zero, one, along, along]) * (height - 1)
         distorted = self._normalise(u, v)
-        error = np.full_like(u, np.inf)
+        undistorted, error = np.empty_like(distorted), np.full_like(u, np.inf)
         with np.errstate(all="ignore"):  # what diverges shows in the error
             for steps in range(1, self.MAX_STEPS + 1):
-                back_u, back_v = self._pixels(self._distort(self._undistort(distorted, steps)))
+                self._undistort(distorted, steps, undistorted)
+                back_u, back_v = self._pixels(self._distort(undistorted))
                 error = np.nan_to_num(np.hypot(back_u - u, back_v - v), nan=np.inf)
                 if error.max() < self.TOLERANCE_PX:
                     return steps

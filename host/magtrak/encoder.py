@@ -16,7 +16,7 @@ import numpy as np
 
 from .arrays import Floats
 from .calibration import Calibration
-from .edges import Edges, edges_of_frame, wrapped_difference
+from .edges import Edge, edges_of_frame, wrapped_difference
 from .errors import CalibrationError, MagtrakError
 from .frames import Frame
 
@@ -41,7 +41,7 @@ class LineErrors:
 
     def __init__(self, counts_per_turn: int) -> None:
         self.counts_per_turn = counts_per_turn
-        self._parts: list[Edges] = []
+        self._edges: list[Edge] = []
         self._last: Frame | None = None
         self._count = 0
         self._index: int | None = None
@@ -60,18 +60,14 @@ class LineErrors:
         if frame.flags["index_seen"]:
             if self._index is None:
                 self._index = self._count + wrapped_difference(header["index_count"], header["last_count"])
-            self._parts.append(edges_of_frame(frame, self._count, follows=follows, shift_before=shift))
+            self._edges += edges_of_frame(frame, self._count, follows=follows, shift_before=shift)
 
     @property
     def turns(self) -> float:
         """Turns gathered so far."""
-        if not self._parts:
+        if not self._edges:
             return 0.0
-        first = next((part for part in self._parts if len(part)), None)
-        last = next((part for part in reversed(self._parts) if len(part)), None)
-        if first is None or last is None:
-            return 0.0
-        return abs(int(last.position[-1] - first.position[0])) / self.counts_per_turn
+        return abs(self._edges[-1].position - self._edges[0].position) / self.counts_per_turn
 
     def table(self) -> Floats:
         """Counts to add at each line from the index on: an ``encoder.error_table`` for the calibration.
@@ -86,8 +82,8 @@ class LineErrors:
         """
         if self.turns < MIN_TURNS or self._index is None:
             raise CalibrationError(f"{self.turns:.1f} turns were recorded, {MIN_TURNS} are needed: turn longer")
-        time = np.concatenate([part.time for part in self._parts]).astype(np.float64)
-        position = np.concatenate([part.position for part in self._parts]) - self._index
+        time = np.array([edge.time for edge in self._edges], np.float64)
+        position = np.array([edge.position for edge in self._edges]) - self._index
         if not (np.diff(position) > 0).all() and not (np.diff(position) < 0).all():
             raise CalibrationError("the motor turned both ways: an error table is learned from turns in one direction")
         whole = int(self.turns) * self.counts_per_turn

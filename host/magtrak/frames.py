@@ -3,18 +3,26 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from . import protocol
 from .arrays import Floats, Integers
 from .protocol import FieldParity, RowForm
-from .records import FieldArrays
 from .rows import LAYOUTS, Rows
 
 
 class DamagedFrameError(ValueError):
     """The payload is no frame: intact on the wire, but not what the protocol allows."""
+
+
+class LoggedEdge(NamedTuple):
+    """The fields of ``protocol.EDGE``: its time, the count shown after it, and whether it went backward."""
+
+    time: int
+    shown: int
+    backward: int
 
 
 @dataclass(frozen=True)
@@ -25,13 +33,13 @@ class Frame:
     ----------
     header : fields of ``protocol.FRAME``
     flags : fields of ``protocol.FRAME_FLAGS``
-    edges : fields of ``protocol.EDGE``, an entry per edge, oldest first
+    edges : of the log, oldest first
     rows : the rows
     """
 
     header: Mapping[str, int]
     flags: Mapping[str, int]
-    edges: Mapping[str, Integers]
+    edges: list[LoggedEdge]
     rows: Rows
 
     @property
@@ -39,22 +47,17 @@ class Frame:
         """Number of the image since reset."""
         return self.header["frame"]
 
-    @cached_property
+    @property
     def encoder_errors(self) -> int:
         """Illegal transitions and wrong turns since reset."""
-        errors = protocol.ENCODER_ERRORS.unpack(
-            self.header["encoder_errors"].to_bytes(protocol.ENCODER_ERRORS.size, "little")
-        )
-        return sum(errors.values())
+        return _encoder_errors(self.header["encoder_errors"])
 
     @cached_property
     def row_times(self) -> Floats:
         """Arrival of column 0 of each row, whole clocks after ``first_time``."""
         count = len(self.rows)
         span = self.header["last_time"] - self.header["first_time"]
-        times = np.arange(count, dtype=np.float64)
-        times *= span / max(count - 1, 1)
-        return np.rint(times, out=times)
+        return np.asarray(np.rint(_row_numbers(0, 1, count) * (span / max(count - 1, 1))))
 
 
 def decode_frame(payload: bytes) -> Frame:
@@ -87,14 +90,21 @@ def decode_frame(payload: bytes) -> Frame:
     return Frame(
         header,
         flags,
-        FieldArrays(protocol.EDGE, view[size:rows_at], edges),
+        [LoggedEdge(*values) for values in protocol.EDGE.unpack_each(view[size:rows_at])],
         Rows(form, _row_numbers(header["first_row"], header["row_step"], rows), view[rows_at:]),
     )
 
 
+# Frame after frame has the same:
+
+
 @lru_cache(16)
 def _row_numbers(first: int, step: int, count: int) -> Integers:
-    """The same for frame after frame."""
     rows = first + step * np.arange(count)
     rows.setflags(write=False)
     return rows
+
+
+@lru_cache(16)
+def _encoder_errors(value: int) -> int:
+    return sum(protocol.ENCODER_ERRORS.unpack(value.to_bytes(protocol.ENCODER_ERRORS.size, "little")).values())

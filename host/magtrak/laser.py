@@ -54,19 +54,25 @@ class Laser:
         return turns
 
     def planes(self, alpha: Floats) -> tuple[Floats, Floats]:
-        """Planes n . P = d in C: unit normals (N, 3) and d (N,) in mm, for angles (N,)."""
-        of_sine, of_cosine, constant = self._parts
-        planes = of_sine * np.sin(alpha)
-        planes += of_cosine * np.cos(alpha)
-        planes += constant
+        """Planes n . P = d in C: unit normals (N, 3) and d (N,) in mm, for angles (N,), as exact as these are."""
+        sine = np.sin(alpha).astype(np.float64, copy=False)
+        cosine = np.cos(alpha).astype(np.float64, copy=False)
+        planes = np.empty((4, len(sine)))
+        for out, (of_sine, of_cosine, constant) in zip(planes, self._parts, strict=True):
+            np.multiply(sine, of_sine, out=out)
+            out += of_cosine * cosine
+            out += constant
         return planes[:3].T, planes[3]
 
     @cached_property
-    def _parts(self) -> Floats:
-        """Normal and d are linear in sin(alpha), cos(alpha) and 1: (3, 4, 1), the coefficients of each."""
+    def _parts(self) -> list[list[float]]:
+        """The coefficients of sin(alpha), cos(alpha) and 1 in the normal's components and in d, which are linear in
+        them: (4, 3).
+        """
         cos_tilt, sin_tilt = np.cos(self.tilt_rad), np.sin(self.tilt_rad)
         # Columns: the laser's axes in C; n = -sin(alpha) cos(tilt) X + cos(alpha) cos(tilt) Y + sin(tilt) Z.
         axes, origin = self.camera_from_laser[:3, :3], self.camera_from_laser[:3, 3]
         normal = np.array([-cos_tilt, cos_tilt, sin_tilt])[:, None] * axes.T
         d = normal @ origin + [0, 0, self.offset_mm]
-        return np.hstack([normal, d[:, None]])[:, :, None]
+        coefficients: list[list[float]] = np.hstack([normal, d[:, None]]).T.tolist()
+        return coefficients

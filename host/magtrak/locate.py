@@ -2,6 +2,8 @@
 
 from typing import Protocol
 
+import numpy as np
+
 from .arrays import Floats
 from .calibration import Calibration
 from .camera import CameraModel
@@ -29,10 +31,12 @@ class InAir:
 
     def __init__(self, camera: CameraModel, laser: Laser, min_sine: float = MIN_SINE) -> None:
         self.camera, self.laser, self.min_sine = camera, laser, min_sine
+        self._centre = camera.centre if camera.centre.any() else None
 
     def locate(self, u: Floats, v: Floats, alpha: Floats) -> Triangulated:
-        normals, offsets = self.laser.planes(alpha)
-        return triangulate(self.camera.centre, self.camera.direction(u, v), normals, offsets, self.min_sine)
+        # Sines of float32 come eight times as fast; half its step at pi, 1.2e-7 rad, is a micrometre at 2 m.
+        normals, offsets = self.laser.planes(alpha.astype(np.float32))
+        return triangulate(self._centre, self.camera.direction(u, v), normals, offsets, self.min_sine)
 
 
 class InWater:

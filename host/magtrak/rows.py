@@ -70,22 +70,35 @@ class Rows:
     def overflow(self) -> Booleans:
         return self.raw.flags("overflow")
 
-    @cached_property
+    @property
     def peak(self) -> Floats:
         """Greatest weight of the run, 0 to 255 (in steps of 17 in the compact form)."""
-        return np.asarray(self.raw["peak"] * (17.0 if self.form == RowForm.COMPACT else 1.0))  # 15 * 17 == 255
+        return self._judged[0]
 
-    @cached_property
+    @property
     def width_px(self) -> Floats:
         """Columns of the run (at most 15 in the compact form)."""
-        return self.raw["width"].astype(np.float64)
+        return self._judged[1]
 
-    @cached_property
+    @property
     def quality(self) -> Floats:
         """How far each may be trusted: see :func:`quality`."""
+        return self._judged[2]
+
+    @cached_property
+    def _judged(self) -> tuple[Floats, Floats, Floats]:
+        """Peak, width and quality."""
         if self.form == RowForm.COMPACT:
-            return _compact_qualities().take(self.raw.span(*_JUDGED))
-        return _judge(self)
+            at = self.raw.span(*_JUDGED)
+            peak, width_px, quality = _compact_judged()
+            return peak.take(at), width_px.take(at), quality.take(at)
+        return self._judge()
+
+    def _judge(self) -> tuple[Floats, Floats, Floats]:
+        peak, width_px = self.raw["peak"].astype(np.float64), self.raw["width"].astype(np.float64)
+        if self.form == RowForm.COMPACT:
+            peak *= 17  # 15 * 17 == 255
+        return peak, width_px, quality(peak, width_px, *(getattr(self, name) for name in QUALITY_FLAGS))
 
 
 def quality(
@@ -108,17 +121,13 @@ def quality(
 
 
 _JUDGED = ("ambiguous", "width")
-"""First and last of the fields of a compact row that its quality depends on."""
-
-
-def _judge(rows: Rows) -> Floats:
-    return quality(rows.peak, rows.width_px, *(getattr(rows, name) for name in QUALITY_FLAGS))
+"""First and last of the fields of a compact row that peak, width and quality depend on."""
 
 
 @cache
-def _compact_qualities() -> Floats:
-    """Of each value that a compact row's fields from flags to width have together."""
+def _compact_judged() -> tuple[Floats, Floats, Floats]:
+    """Of each value that these fields have together."""
     layout = protocol.COMPACT_ROW
-    offset = layout.place(_JUDGED[0])[0]
+    offset, _ = layout.place(_JUDGED[0])
     words = np.arange(1 << layout.bits - offset, dtype="<u4") << offset
-    return _judge(Rows(RowForm.COMPACT, np.zeros(len(words), np.int64), words.tobytes()))
+    return Rows(RowForm.COMPACT, np.zeros(len(words), np.int64), words.tobytes())._judge()

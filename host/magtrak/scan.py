@@ -52,6 +52,11 @@ class Counts:
     encoder_errors: int = 0
 
 
+_BLOCK = 1 << 18
+"""Points whose memory is taken at once: some megabytes come in large pages, and most of the time that it takes to get
+memory page by page is saved."""
+
+
 class Scan:
     """Turns the frames of one run of a card into points.
 
@@ -87,6 +92,7 @@ class Scan:
         self._locator = locator(calibration, min_sine)
         self._tracker = AngleTracker(clock_hz, calibration.camera.time_offset_s)
         self._ready: list[tuple[Frame, RowAngles]] = []
+        self._room = np.empty(0, POINT)
         self._encoder_errors_before = 0
         # Of the first frame after a restart: what the points of the frame have.
         self._frame_base, self._time_base_s = 0, 0.0
@@ -187,8 +193,10 @@ class Scan:
 
     def _add(self, frames: tuple[Frame, ...], angles: tuple[RowAngles, ...]) -> None:
         rows = Rows.joined([frame.rows for frame in frames])
-        use = rows.valid & (rows.quality >= self.min_quality) if self.min_quality > 0 else rows.valid
-        self.counts.poor += int(np.count_nonzero(rows.valid)) - int(np.count_nonzero(use))
+        use = rows.valid
+        if self.min_quality > 0:
+            use = use & (rows.quality >= self.min_quality)
+            self.counts.poor += int(np.count_nonzero(rows.valid)) - int(np.count_nonzero(use))
         some = _all_or(use)
         column, row = rows.column_px[some], rows.row[some]
         alpha = self.calibration.laser.alpha(joined([each.counts for each in angles])[some])
@@ -198,12 +206,12 @@ class Scan:
         good = _all_or(found.valid)
         where = found.points[good]
         times = [self._seconds(frame) + frame.row_times / self.clock_hz for frame in frames]
-        numbers = [np.full(len(frame.rows), self._number(frame)) for frame in frames]
-        points = np.empty(len(where), POINT)
+        numbers = np.repeat([self._number(frame) for frame in frames], [len(frame.rows) for frame in frames])
+        points = self._take_room(len(where))
         points["x"], points["y"], points["z"] = where.T
         points["intensity"] = rows.peak[some][good] / 255
         points["quality"] = rows.quality[some][good]
-        points["scalar_frame"] = joined(numbers)[some][good]
+        points["scalar_frame"] = numbers[some][good]
         points["scalar_row"] = row[good]
         points["scalar_column"] = column[good]
         points["scalar_angle"] = alpha[good]
@@ -214,7 +222,14 @@ class Scan:
         if len(points):
             self.chunks.append(points)
 
+    def _take_room(self, count: int) -> Records:
+        """Memory for so many points."""
+        if count > len(self._room):
+            self._room = np.empty(max(count, _BLOCK), POINT)
+        room, self._room = self._room[:count], self._room[count:]
+        return room
+
 
 def _all_or(mask: Booleans) -> Booleans | slice:
     """A mask as an index; where it leaves nothing out, a slice, which copies nothing."""
-    return slice(None) if mask.all() else mask
+    return slice(None) if np.count_nonzero(mask) == len(mask) else mask

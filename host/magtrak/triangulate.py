@@ -29,7 +29,7 @@ class Triangulated:
 
 
 def triangulate(
-    centre: Floats, directions: Floats, normals: Floats, offsets: Floats, min_sine: float = MIN_SINE
+    centre: Floats | None, directions: Floats, normals: Floats, offsets: Floats, min_sine: float = MIN_SINE
 ) -> Triangulated:
     """Where rays meet planes.
 
@@ -37,7 +37,7 @@ def triangulate(
 
     Parameters
     ----------
-    centre : P0, (3,), mm
+    centre : P0, (3,), mm; None for the origin
     directions : v, (N, 3), of any length
     normals : n, unit vectors (N, 3)
     offsets : d, (N,), mm
@@ -48,13 +48,12 @@ def triangulate(
     slope = nx * x + ny * y + nz * z
     crossing = slope * slope >= min_sine * min_sine * (x * x + y * y + z * z)
     crosses = int(np.count_nonzero(crossing))
-    moved = bool(centre.any())
-    height = offsets - normals @ centre if moved else offsets
+    height = offsets if centre is None else offsets - normals @ centre
     distance = height / (slope if crosses == len(slope) else np.where(crossing, slope, 1.0))
     valid = crossing & (distance > 0)
     good = int(np.count_nonzero(valid))
     points = distance[:, None] * directions
-    if moved:
+    if centre is not None:
         points += centre
     if good < len(valid):
         points[~valid] = np.nan

@@ -91,7 +91,7 @@ def test_the_netlist_gives_the_same_packets(cards: tuple[Path, Path]) -> None:
     assert [one.number for one in frames] == list(range(IMAGES))
     assert [one.header["detector"] for one in frames] == [int(one) for one in protocol.Detector]
     assert all(one.rows.valid.sum() == ROWS for one in frames)
-    assert any(one.edges["count"].size for one in frames)
+    assert any(one.edges for one in frames)
     answers = [protocol.ANSWER.unpack(one.payload) for one in packets if one.type == PacketType.ANSWER]
     assert len(answers) > 200
     assert any(one.laser for one in written[1]), "the laser was never on"

@@ -58,8 +58,8 @@ def _contents(payload: bytes) -> None:
         rows = frame.rows
         size = {protocol.RowForm.COMPACT: protocol.COMPACT_ROW.size, protocol.RowForm.FULL: protocol.FULL_ROW.size}
         form = protocol.RowForm(frame.header["form"])
-        edges = len(frame.edges["time"])
-        assert len(payload) == protocol.FRAME.size + edges * protocol.EDGE.size + len(rows.row) * size[form]
+        edges = len(frame.edges)
+        assert len(payload) == protocol.FRAME.size + edges * protocol.EDGE.size + len(rows) * size[form]
         assert np.isfinite(rows.column_px).all() and (rows.column_px >= 0).all() and (rows.column_px < 4096).all()
         assert (np.diff(frame.row_times) >= 0).all()
     try:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from magtrak.angle import AngleTracker, bare_angles
-from magtrak.frames import Frame, decode_frame
+from magtrak.frames import Frame, LoggedEdge, decode_frame
 from tests.support.frames import CLOCK_HZ, Recorder
 
 COUNTS_PER_TURN = 2000
@@ -28,7 +28,7 @@ def track_without_log(recorder: Recorder, count: int):
     """As :func:`track`, of a card without edge log."""
     tracker = AngleTracker(CLOCK_HZ)
     frames = [decode_frame(payload) for payload in recorder.payloads(count)]
-    frames = [replace(frame, edges={name: value[:0] for name, value in frame.edges.items()}) for frame in frames]
+    frames = [replace(frame, edges=[]) for frame in frames]
     found = [pair for frame in frames for pair in tracker.push(frame)] + tracker.flush()
     truth = [recorder.movement(recorder.row_times(frame.number)) for frame, _ in found]
     errors = np.array([angles.counts - p for (_, angles), p in zip(found, truth, strict=True)])
@@ -188,7 +188,7 @@ def later(frame: Frame, clocks: int) -> Frame:
     header = {**frame.header}
     header["first_time"] += clocks
     header["last_time"] += clocks
-    edges = {**frame.edges, "time": (frame.edges["time"] + clocks) & 0xFFFF_FFFF}
+    edges = [edge._replace(time=edge.time + clocks & 0xFFFF_FFFF) for edge in frame.edges]
     return Frame(header, frame.flags, edges, frame.rows)
 
 
@@ -198,11 +198,7 @@ def test_an_edge_older_than_its_time_can_tell_is_left_out() -> None:
     tracker = AngleTracker(CLOCK_HZ)
     frames = [decode_frame(p) for p in recorder.payloads(8)]
     first = frames[0]
-    stray = {
-        "time": np.concatenate([[(first.header["last_time"] - 100) & 0xFFFF_FFFF], first.edges["time"][2:]]),
-        "count": np.concatenate([[7], first.edges["count"][2:]]),
-        "backward": np.concatenate([[0], first.edges["backward"][2:]]),
-    }
+    stray = [LoggedEdge((first.header["last_time"] - 100) & 0xFFFF_FFFF, 7, 0), *first.edges[2:]]
     frames[0] = Frame(first.header, first.flags, stray, first.rows)
     found = [pair for frame in frames for pair in tracker.push(frame)] + tracker.flush()
     for frame, angles in found:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from magtrak import protocol
-from magtrak.frames import DamagedFrameError, decode_frame
+from magtrak.frames import DamagedFrameError, LoggedEdge, decode_frame
 from magtrak.protocol import Field, Layout, RowForm
 from magtrak.records import FieldArrays
 from tests.support.frames import full_rows
@@ -67,11 +67,7 @@ def test_edges_and_flags() -> None:
     edges = protocol.EDGE.pack({"time": 2**32 - 1, "count": -5, "backward": 1})
     errors = protocol.ENCODER_ERRORS.pack({"illegal": 3, "turns": 4})
     frame = decode_frame(payload(b"", edges, edges=1, flags=0b100001, encoder_errors=int.from_bytes(errors, "little")))
-    assert {name: int(values[0]) for name, values in frame.edges.items()} == {
-        "time": 2**32 - 1,
-        "count": -5,
-        "backward": 1,
-    }
+    assert frame.edges == [LoggedEdge(time=2**32 - 1, shown=-5, backward=1)]
     assert frame.flags["index_seen"] == 1
     assert frame.flags["rows_lost"] == 1
     assert frame.flags["laser_on"] == 0

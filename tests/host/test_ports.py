@@ -73,9 +73,9 @@ def test_ports_of_air_change_nothing() -> None:
     water = locator(Calibration.parse(values | {"ports": ports})).locate(u, v, alpha)
     both = air.valid & water.valid
     assert both.sum() > 350
-    # A ray that meets its plane metres away is told more loosely.
+    # A ray that meets its plane metres away is told more loosely. In air the angles are those of float32.
     scale = np.linalg.norm(air.points[both], axis=1) / 1000
-    assert np.max(np.linalg.norm(air.points - water.points, axis=1)[both] / scale**2) < 1e-6
+    assert np.max(np.linalg.norm(air.points - water.points, axis=1)[both] / scale**2) < 5e-4
 
 
 def test_host_and_simulator_agree_on_random_rigs() -> None:

@@ -100,11 +100,15 @@ class Layout:
             names, whole = self._whole
             return dict(zip(names, whole.unpack(data), strict=True))
         word = int.from_bytes(data, "little")
-        values = {}
-        for name, offset, mask, sign in self._parts:
-            value = word >> offset & mask
-            values[name] = value - 2 * sign if value & sign else value
-        return values
+        return {name: ((word >> offset & mask) ^ sign) - sign for name, offset, mask, sign in self._parts}
+
+    def unpack_each(self, data: bytes | memoryview) -> list[tuple[int, ...]]:
+        """The fields of each of some records of 8 bytes, in order."""
+        parts = [(offset, mask, sign) for _, offset, mask, sign in self._parts]
+        return [
+            tuple([((word >> offset & mask) ^ sign) - sign for offset, mask, sign in parts])
+            for (word,) in struct.iter_unpack("<Q", data)
+        ]
 
     @cached_property
     def _whole(self) -> tuple[list[str], struct.Struct] | None:
