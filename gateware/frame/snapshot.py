@@ -34,6 +34,7 @@ class _State(enum.Enum, shape=3):
     TAKE = 3
     FINISH = 4  # the piece without pixels is next
     HEADER = 5
+    SETTLE = 6  # the next row and strip are compared with the region
 
 
 class Snapshot(wiring.Component):
@@ -41,7 +42,7 @@ class Snapshot(wiring.Component):
 
     A region of the image, thinned in both directions, is taken in strips of up to ``SNAPSHOT_PIXELS`` pixels' width, a
     row of a strip at a time, into one of :data:`SLOTS` slots of a memory, from which it goes to the link. A piece that
-    finds no free slot when its row comes, or whose row comes while the one before is being closed (8 clocks), is
+    finds no free slot when its row comes, or whose row comes while the one before is being closed (9 clocks), is
     taken from a later image: pieces leave in order and none is missing. A piece is of one image, and says of which.
 
     A region that reaches beyond the image ends where the image ends. The last piece has no pixels.
@@ -150,6 +151,8 @@ class Snapshot(wiring.Component):
         due = Signal()  # the row was to come in this image
         there = Signal()  # it did
         over = Signal()  # the image has no such row
+        row_over = Signal()  # the region has none
+        strip_over = Signal()
         narrow = Signal()  # the strip has not come in this row, all of which was seen
         in_row = Signal()
         hit = Signal()
@@ -168,6 +171,8 @@ class Snapshot(wiring.Component):
             at_following.eq(at_column == following),
             at_border.eq(came_pixel.row_last | (at_column == column_last)),
             taken.eq(takes),
+            row_over.eq(row > row_last),
+            strip_over.eq(strip > column_last),
         ]
         m.d.comb += [
             in_row.eq(of_row & (seen | begins)),
@@ -194,19 +199,22 @@ class Snapshot(wiring.Component):
         ]
 
         with m.Switch(state):
+            with m.Case(_State.SETTLE):
+                m.d.sync += state.eq(_State.CHECK)
+
             with m.Case(_State.CHECK):
                 m.d.sync += [following.eq(strip + step), count.eq(0), there.eq(0), over.eq(0), state.eq(_State.WANT)]
-                with m.If(over | (row > row_last)):
+                with m.If(over | row_over):
                     m.d.sync += [
                         strip.eq(next_strip),
                         column.eq(next_strip),
                         row.eq(row_first),
                         ended.eq(1),
-                        state.eq(_State.CHECK),
+                        state.eq(_State.SETTLE),
                     ]
                     with m.If(ended):
                         m.d.sync += state.eq(_State.FINISH)
-                with m.Elif(strip > column_last):
+                with m.Elif(strip_over):
                     m.d.sync += state.eq(_State.FINISH)
 
             with m.Case(_State.WANT):
@@ -231,7 +239,7 @@ class Snapshot(wiring.Component):
                 m.d.sync += [heads[0].eq(plain), plain.eq(heads[-1])]
                 with m.If(heads[-1]):
                     m.d.comb += stored.eq(1)
-                    m.d.sync += [slot.eq(slot + 1), row.eq(row + step), column.eq(strip), state.eq(_State.CHECK)]
+                    m.d.sync += [slot.eq(slot + 1), row.eq(row + step), column.eq(strip), state.eq(_State.SETTLE)]
                     with m.If(finishing):
                         m.d.sync += state.eq(_State.IDLE)
 
