@@ -45,6 +45,7 @@ class Lookahead(wiring.Component):
     -------
     settings : ``run_reach``, ``column_first`` and ``column_last`` are used
     i : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready
+    coming : ``i.valid`` as it will be in the next clock
     step, mix, row_first : the filter's input: a new column, its mix (a blank repeats the last), whether it begins a
         row; the column stands at ``mix`` from the clock after its step on, until the next step
     before : number of the column before it, modulo 4096
@@ -55,6 +56,7 @@ class Lookahead(wiring.Component):
 
     settings: In(FrameSettings)
     i: In(stream.Signature(MeasuredPixel, always_ready=True))
+    coming: In(1)
     step: Out(1)
     mix: Out(8)
     row_first: Out(1)
@@ -72,11 +74,14 @@ class Lookahead(wiring.Component):
         i = self.i.p
         blanks = Signal(range(LOOKAHEAD + 1))  # left to insert
         blanking = Signal()  # blanks != 0, ahead of time
+        blanks_next = Signal()
+        m.d.comb += blanks_next.eq(Mux(self.i.valid, i.row_last, blanking & (blanks != 1)))
         with m.If(self.i.valid):
-            m.d.sync += [blanks.eq(Mux(i.row_last, LOOKAHEAD, 0)), blanking.eq(i.row_last)]
+            m.d.sync += blanks.eq(Mux(i.row_last, LOOKAHEAD, 0))
         with m.Elif(blanking):
-            m.d.sync += [blanks.eq(blanks - 1), blanking.eq(blanks != 1)]
-        m.d.comb += self.step.eq(self.i.valid | blanking)
+            m.d.sync += blanks.eq(blanks - 1)
+        # A register of its own, for it has a hundred enables to drive.
+        m.d.sync += [blanking.eq(blanks_next), self.step.eq(self.coming | blanks_next)]
 
         # Place p of each line holds what entered p steps ago; column x stands at place LOOKAHEAD.
         flags = ("gate", "saturated", "row_first", "row_last", "frame_first", "fault")
