@@ -109,6 +109,7 @@ class Lookahead(wiring.Component):
         entry = LOOKAHEAD - 1
         reach = self.settings.run_reach
         # (A reset that does not wait for a clock enable costs nothing.)
+        row_comes = Signal()  # with the next step it enters
         row_enters = Signal()
         frame_enters = Signal()
         leaves = Signal()
@@ -128,6 +129,7 @@ class Lookahead(wiring.Component):
                 behind_pick.eq(gates[LOOKAHEAD:].bit_select(reach, 1)),
             ]
         m.d.comb += [
+            row_comes.eq(self.step & lines["row_first"][entry - 1]),
             row_enters.eq(self.step & lines["row_first"][entry]),
             frame_enters.eq(row_enters & lines["frame_first"][entry]),
             leaves.eq(self.step & lines["row_last"][LOOKAHEAD]),
@@ -137,20 +139,20 @@ class Lookahead(wiring.Component):
         following = Signal(12)
         at_first = Signal()
         at_last = Signal()
-        only = Signal()
-        m.d.sync += only.eq(self.settings.column_last == 0)
-        with m.If(row_enters):
-            m.d.sync += [column.eq(0), following.eq(1), self.before.eq(~0), behind.eq(0), at_last.eq(only)]
+        with m.If(row_comes):
+            m.d.sync += following.eq(0)
         with m.Elif(self.step):
+            m.d.sync += following.eq(following + 1)
+        with m.If(row_enters):
+            m.d.sync += [self.before.eq(~0), behind.eq(0)]
+        with m.Elif(self.step):
+            m.d.sync += [self.before.eq(column), behind.eq(behind + behind_pick)]
+        with m.If(self.step):
             m.d.sync += [
                 column.eq(following),
-                following.eq(following + 1),
-                self.before.eq(column),
-                behind.eq(behind + behind_pick),
+                at_first.eq(following == self.settings.column_first),
                 at_last.eq(following == self.settings.column_last),
             ]
-        with m.If(self.step):
-            m.d.sync += at_first.eq(following == self.settings.column_first)
         # Behind a row's last column all is blank, so the count starts anew before the next row is in view.
         with m.If(leaves):
             m.d.sync += ahead.eq(ahead_gate)

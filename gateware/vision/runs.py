@@ -293,14 +293,14 @@ class Runs(wiring.Component):
 
         # 3: hold, while the next run adds up
         binary = Signal()
-        between = Signal()
+        between = Signal()  # `binary` or not `run.crossed`
         short = Signal()
         m.d.sync += [
             binary.eq(self.settings.detector == Detector.BINARY),
             self.valid.eq(ended),
+            between.eq(binary | ~Mux(starts, crosses, run.crossed | crosses)),
         ]
         m.d.comb += [
-            between.eq(binary | ~run.crossed),
             short.eq(Mux(between, middle_short, centre_short)),
         ]
         m.d.sync += beyond_place(middle >> 1, middle_away, middle_short)
