@@ -66,6 +66,7 @@ class Admission(wiring.Component):
         open_ = Signal()  # frame_end is to come
         over = Signal()  # the image has ended, however early
         left = Signal(range(max(self.shortest, 0 if self.close_images else APART_CLOCKS) + 1))
+        rested = Signal(init=1)  # left == 0, ahead of time
 
         begins = Signal()
         let_in = Signal()
@@ -75,9 +76,9 @@ class Admission(wiring.Component):
         m.d.comb += [
             begins.eq(pixel.valid & pixel.payload.row_first & pixel.payload.frame_first),
             # In the clock of `frame_end` the next image may be on its way: it comes out a clock later.
-            let_in.eq(begins & self.run & ((~open_ | (left == 0)) if self.close_images else (~open_ & (left == 0)))),
+            let_in.eq(begins & self.run & ((~open_ | rested) if self.close_images else (~open_ & rested))),
             passes.eq(Mux(begins, let_in, passing)),
-            ends.eq((over | begins) & open_ & (left == 0)),
+            ends.eq((over | begins) & open_ & rested),
             self.frame_end.eq(ends),
         ]
         m.d.sync += [
@@ -92,14 +93,15 @@ class Admission(wiring.Component):
         ]
         with m.If(begins):
             m.d.sync += passing.eq(let_in)
-        with m.If(left != 0):
-            m.d.sync += left.eq(left - 1)
+        with m.If(~rested):
+            m.d.sync += [left.eq(left - 1), rested.eq(left == 1)]
         with m.If(ends):
             m.d.sync += open_.eq(0)
             if not self.close_images:
-                m.d.sync += left.eq(APART_CLOCKS)
+                m.d.sync += [left.eq(APART_CLOCKS), rested.eq(0)]
         with m.If((self.i.frame_end & passing) | begins):
             m.d.sync += over.eq(1)
         with m.If(let_in):
-            m.d.sync += [self.field.eq(self.i.field), open_.eq(1), over.eq(self.i.frame_end), left.eq(self.shortest)]
+            m.d.sync += [self.field.eq(self.i.field), open_.eq(1), over.eq(self.i.frame_end)]
+            m.d.sync += [left.eq(self.shortest), rested.eq(0)]
         return m

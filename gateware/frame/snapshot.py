@@ -1,7 +1,7 @@
 """Pictures of what the card sees, a piece at a time."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
-from amaranth.lib import data, enum, stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from magtrak import reference
@@ -27,21 +27,12 @@ _SOURCE_AT, _PIXELS_AT = (
 )
 
 
-class _State(enum.Enum, shape=3):
-    IDLE = 0
-    CHECK = 1  # is there a next piece?
-    WANT = 2  # its first pixel is to come
-    TAKE = 3
-    FINISH = 4  # the piece without pixels is next
-    HEADER = 5
-
-
 class Snapshot(wiring.Component):
     """Looks over the shoulder of the measurement, without ever holding it up.
 
     A region of the image, thinned in both directions, is taken in strips of up to ``SNAPSHOT_PIXELS`` pixels' width, a
     row of a strip at a time, into one of :data:`SLOTS` slots of a memory, from which it goes to the link. A piece that
-    finds no free slot when its row comes, or whose row comes while the one before is being closed (8 clocks), is
+    finds no free slot when its row comes, or whose row comes while the one before is being closed (9 clocks), is
     taken from a later image: pieces leave in order and none is missing. A piece is of one image, and says of which.
 
     A region that reaches beyond the image ends where the image ends. The last piece has no pixels.
@@ -75,7 +66,7 @@ class Snapshot(wiring.Component):
         stored = Signal()
         sent = Signal()
         filled = Signal(range(SLOTS + 1))
-        free = Signal()  # a clock late: between two pieces there are more
+        free = Signal()  # two clocks late: between two pieces there are more
         m.d.sync += [filled.eq(filled + stored - sent), free.eq(filled != SLOTS)]
         self._take(m, memory.write, free, stored)
         self._send(m, memory.read, filled != 0, sent)
@@ -84,7 +75,14 @@ class Snapshot(wiring.Component):
     def _take(self, m, write, free, stored):
         """Pixels into slots; ``stored``: one more is complete."""
         settings = self.settings
-        state = Signal(_State)
+        # Of these one is set.
+        idle = Signal(init=1)
+        settling = Signal()  # the next row and strip are compared with the region
+        checking = Signal()  # is there a next piece?
+        wanting = Signal()  # its first pixel is to come
+        taking = Signal()
+        concluding = Signal()  # the piece without pixels is next
+        heading = Signal()  # the header is written
         number = Signal(8)
         source = Signal(SnapshotSource)
         step = Signal(6)
@@ -92,7 +90,8 @@ class Snapshot(wiring.Component):
         row_first = Signal(12)
         row_last = Signal(12)
         started = Signal()
-        m.d.comb += [started.eq(settings.snapshot != number), self.busy.eq(state != _State.IDLE)]
+        m.d.sync += started.eq((settings.snapshot != number) & ~started)
+        m.d.comb += self.busy.eq(~idle)
 
         # The pixel in question, and where it stands.
         place = data.StructLayout({"row_first": 1, "row_last": 1, "frame_first": 1, "fault": 1})
@@ -128,12 +127,17 @@ class Snapshot(wiring.Component):
 
         # Places are known from the first image on that begins after the source was chosen.
         begins = Signal()
-        settled = Signal(2)
+        beginning = Signal()  # a clock before
+        settled = Signal()
         seen = Signal()
+        known = Signal()  # places will be, in the next clock
         frame = Signal(32)
         generation = Signal(16)
-        m.d.comb += begins.eq(valid & pixel.frame_first & settled.all())
-        m.d.sync += settled.eq(Cat(~started, settled))
+        m.d.comb += [
+            beginning.eq(came & came_pixel.frame_first & settled & ~started),
+            known.eq(~started & (seen | begins | beginning)),
+        ]
+        m.d.sync += [settled.eq(~started), begins.eq(beginning)]
         with m.If(begins):
             m.d.sync += [frame.eq(self.frame), generation.eq(self.generation), seen.eq(1)]
 
@@ -150,10 +154,14 @@ class Snapshot(wiring.Component):
         due = Signal()  # the row was to come in this image
         there = Signal()  # it did
         over = Signal()  # the image has no such row
+        row_over = Signal()  # the region has none
+        strip_over = Signal()
         narrow = Signal()  # the strip has not come in this row, all of which was seen
         in_row = Signal()
         hit = Signal()
         border = Signal()
+        filling = Signal()
+        last_sound = Signal()  # the last pixel of the row, which has kept the contract here
         # Places are compared a clock ahead, columns with both of what may be next by then. Rows and strips change at
         # least a clock before a pixel is waited for.
         takes = Signal()
@@ -161,19 +169,20 @@ class Snapshot(wiring.Component):
         of_row = Signal()
         at_next = Signal()
         at_following = Signal()
-        at_border = Signal()
+        m.d.comb += of_row.eq(came & (at_row == row) & known)
         m.d.sync += [
-            of_row.eq(came & (at_row == row)),
-            at_next.eq(at_column == column),
-            at_following.eq(at_column == following),
-            at_border.eq(came_pixel.row_last | (at_column == column_last)),
+            in_row.eq(of_row),
+            at_next.eq(of_row & (at_column == column)),
+            at_following.eq(of_row & (at_column == following)),
+            last_sound.eq(came_pixel.row_last & ~came_pixel.fault),
+            border.eq(came_pixel.row_last | (at_column == column_last)),
             taken.eq(takes),
+            # The pixel is the last that a piece has room for.
+            filling.eq(Mux(takes, count == SNAPSHOT_PIXELS - 2, count == SNAPSHOT_PIXELS - 1)),
+            row_over.eq(row > row_last),
+            strip_over.eq(strip > column_last),
         ]
-        m.d.comb += [
-            in_row.eq(of_row & (seen | begins)),
-            hit.eq(in_row & Mux(taken, at_following, at_next)),
-            border.eq(at_border),
-        ]
+        m.d.comb += hit.eq(Mux(taken, at_following, at_next))
 
         header = Signal(struct(SNAPSHOT))
         for name, value in (
@@ -181,71 +190,73 @@ class Snapshot(wiring.Component):
             *(("row", row), ("column", strip), ("step", step), ("flags", fault & ~finishing), ("pixels", count)),
         ):
             m.d.comb += header[name].eq(value)
-        m.d.comb += takes.eq(hit & ((state == _State.TAKE) | ((state == _State.WANT) & free)))
+        m.d.comb += takes.eq(hit & (taking | (wanting & free)))
         heads = Signal(_HEADER_WORDS)  # the word of the header that is written
         plain = Signal(init=1)  # none is
-        heading = heads.any()
+        writes_header = heads.any()
         m.d.sync += [
-            write.en.eq(takes | heading),
-            write.addr.eq(Cat(Mux(heading, _number(heads), count), slot)),
+            write.en.eq(takes | writes_header),
+            write.addr.eq(Cat(Mux(writes_header, _number(heads), count), slot)),
             write.data.eq(one_of([*_words(header), pixel_colour], Cat(heads, plain))),
             heads.eq(heads << 1),
             plain.eq(1),
         ]
 
-        with m.Switch(state):
-            with m.Case(_State.CHECK):
-                m.d.sync += [following.eq(strip + step), count.eq(0), there.eq(0), over.eq(0), state.eq(_State.WANT)]
-                with m.If(over | (row > row_last)):
-                    m.d.sync += [
-                        strip.eq(next_strip),
-                        column.eq(next_strip),
-                        row.eq(row_first),
-                        ended.eq(1),
-                        state.eq(_State.CHECK),
-                    ]
-                    with m.If(ended):
-                        m.d.sync += state.eq(_State.FINISH)
-                with m.Elif(strip > column_last):
-                    m.d.sync += state.eq(_State.FINISH)
-
-            with m.Case(_State.WANT):
-                with m.If(begins):
-                    m.d.sync += [due.eq(1), there.eq(in_row)]
-                    with m.If(due & ~there):
-                        m.d.sync += [over.eq(1), state.eq(_State.CHECK)]
-                with m.Elif(in_row):
-                    m.d.sync += there.eq(1)
-                with m.If(takes):
-                    m.d.sync += state.eq(_State.TAKE)
-                with m.Elif(in_row & pixel.row_last & narrow & ~hit & ~pixel.fault & ~fault):
-                    # The image has no such columns.
-                    m.d.sync += state.eq(_State.FINISH)
-
-            with m.Case(_State.FINISH):
-                m.d.sync += [finishing.eq(1), count.eq(0)]
-                with m.If(free):
-                    m.d.sync += state.eq(_State.HEADER)
-
-            with m.Case(_State.HEADER):
-                m.d.sync += [heads[0].eq(plain), plain.eq(heads[-1])]
-                with m.If(heads[-1]):
-                    m.d.comb += stored.eq(1)
-                    m.d.sync += [slot.eq(slot + 1), row.eq(row + step), column.eq(strip), state.eq(_State.CHECK)]
-                    with m.If(finishing):
-                        m.d.sync += state.eq(_State.IDLE)
+        row_ends = Signal()  # no more of this row
+        returns = Signal()  # the row has not come in a whole image
+        misses = Signal()  # the image has no such columns
+        passed = Signal()  # no more rows in this strip
+        left = Signal()  # the header is whole
+        begun = ~started
+        m.d.comb += [
+            row_ends.eq((takes & (border | filling)) | (taking & in_row & border)),
+            returns.eq(wanting & begins & due & ~there),
+            misses.eq(wanting & in_row & last_sound & narrow & ~fault & ~hit),
+            passed.eq(over | row_over),
+            left.eq(heading & heads[-1]),
+        ]
+        m.d.sync += [
+            idle.eq(Mux(started, settings.snapshot == 0, idle | (left & finishing))),
+            settling.eq(begun & ((checking & passed & ~ended) | (left & ~finishing))),
+            checking.eq(Mux(started, settings.snapshot != 0, settling | (returns & ~takes & ~misses))),
+            wanting.eq(begun & ((checking & ~passed & ~strip_over) | (wanting & ~returns & ~takes & ~misses))),
+            taking.eq(begun & (takes | taking) & ~row_ends),
+            concluding.eq(
+                begun & ((checking & Mux(passed, ended, strip_over)) | misses | (concluding & ~free)),
+            ),
+            heading.eq(begun & (row_ends | (concluding & free) | (heading & ~heads[-1]))),
+            stored.eq(left),
+        ]
+        with m.If(settling | concluding):
+            m.d.sync += count.eq(0)
+        with m.If(checking):
+            m.d.sync += [following.eq(strip + step), there.eq(0), over.eq(0)]
+            with m.If(passed):
+                m.d.sync += [strip.eq(next_strip), column.eq(next_strip), row.eq(row_first), ended.eq(1)]
+        with m.If(wanting):
+            with m.If(begins):
+                m.d.sync += [due.eq(1), there.eq(in_row)]
+            with m.Elif(in_row):
+                m.d.sync += there.eq(1)
+        with m.If(returns):
+            m.d.sync += over.eq(1)
+        with m.If(concluding):
+            m.d.sync += finishing.eq(1)
+        with m.If(heading):
+            m.d.sync += [heads[0].eq(plain), plain.eq(heads[-1])]
+        with m.If(left):
+            m.d.sync += [slot.eq(slot + 1), row.eq(row + step), column.eq(strip)]
 
         with m.If(valid & pixel.row_first):
-            m.d.sync += narrow.eq((state == _State.WANT) & ~hit)
-            with m.If(state != _State.WANT):  # it may have come unseen
+            m.d.sync += narrow.eq(wanting & ~hit)
+            with m.If(~wanting):  # it may have come unseen
                 m.d.sync += due.eq(0)
         with m.Elif(hit):
             m.d.sync += narrow.eq(0)
         with m.If(takes):
             m.d.sync += [count.eq(count + 1), column.eq(following), following.eq(following + step)]
-        with m.If(takes | ((state == _State.TAKE) & in_row)):
-            with m.If(border | (takes & (count == SNAPSHOT_PIXELS - 1))):
-                m.d.sync += [ended.eq(border), next_strip.eq(following), due.eq(1), state.eq(_State.HEADER)]
+        with m.If(takes | taking):  # what the row's end leaves of this counts
+            m.d.sync += [ended.eq(border), next_strip.eq(following), due.eq(1)]
 
         with m.If(started):
             m.d.sync += [
@@ -257,7 +268,6 @@ class Snapshot(wiring.Component):
                 row_last.eq(settings.snapshot_row_last),
                 next_strip.eq(settings.snapshot_column_first),
                 *(over.eq(1), seen.eq(0), due.eq(0), ended.eq(0), finishing.eq(0), heads.eq(0), plain.eq(1)),
-                state.eq(Mux(settings.snapshot == 0, _State.IDLE, _State.CHECK)),
             ]
 
     def _send(self, m, read, ready, sent):
@@ -271,12 +281,15 @@ class Snapshot(wiring.Component):
         raw = Signal()
         in_header = Signal()
         ends = Signal()
+        # All of these stand still while bytes are sent, for long enough before they count.
+        m.d.sync += [
+            in_header.eq(index[3:].all()),
+            ends.eq(Mux(index[3:].all(), index.all() & (pixels == 0), pixels == 1)),
+            only.eq(~index[3:].all() & ~raw),
+        ]
         m.d.comb += [
             read.addr.eq(Cat(index, slot)),
             read.en.eq(1),
-            in_header.eq(index[3:].all()),
-            ends.eq(Mux(in_header, index.all() & (pixels == 0), pixels == 1)),
-            only.eq(~in_header & ~raw),
             self.o.payload.data.eq(one_of([fetched.word_select(n, 8) for n in range(_WORD_BYTES)], hot)),
             self.o.payload.last.eq(ends & (hot[-1] | only)),
         ]
@@ -306,9 +319,11 @@ class Snapshot(wiring.Component):
                             m.d.sync += pixels.eq(pixels - 1)
                         m.next = "Fetch"
                         with m.If(ends):
-                            m.d.comb += sent.eq(1)
-                            m.d.sync += slot.eq(slot + 1)
-                            m.next = "Wait"
+                            m.next = "Done"
+            with m.State("Done"):
+                m.d.comb += sent.eq(1)
+                m.d.sync += slot.eq(slot + 1)
+                m.next = "Wait"
 
 
 def _words(header) -> list:

@@ -160,7 +160,11 @@ class Background(wiring.Component):
         size = Signal(24)
         image_size = Cat(self.image_rows, self.image_columns)
         resized = Signal()
-        m.d.sync += resized.eq(size != image_size)
+        differs = [Signal(name=f"differs_{half}") for half in range(2)]
+        m.d.sync += [
+            *(differs[at].eq(size.word_select(at, 12) != image_size.word_select(at, 12)) for at in range(2)),
+            resized.eq(differs[0] | differs[1]),
+        ]
         with m.If(end[-1]):
             with m.If(self.faulty):
                 m.d.sync += ready.eq(ready & ~taking)

@@ -1,6 +1,6 @@
 """The run of a row that counts, and the best of the others."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -31,18 +31,18 @@ class Choose(wiring.Component):
     -------
     settings : ``choice``, ``run_gated``, ``run_width_min`` and ``run_width_max`` are used
     valid, run : a :class:`~gateware.vision.runs.Run`, at most one in two clocks; it stands until the next
-    clear : strobe that forgets all runs, to begin a row
+    clears : strobe, a clock before all runs are forgotten, to begin a row
     image_first : strobe: an image begins, the line has no place yet
     take : the run of the clock before is chosen now; it shows in ``chosen`` from the next clock on
-    found, chosen : a run counts; the one chosen of those since ``clear``, :attr:`latency` clocks after the last
+    found, chosen : a run counts; the one chosen of those since then, :attr:`latency` clocks after the last
     other_found, other : the strongest of the others
-    place : ``centre`` of what was chosen at the last ``clear``
+    place : ``centre`` of what was chosen when runs were forgotten last
     """
 
     settings: In(FrameSettings)
     valid: In(1)
     run: In(Run())
-    clear: In(1)
+    clears: In(1)
     image_first: In(1)
     take: Out(1)
     found: Out(1)
@@ -57,22 +57,26 @@ class Choose(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         run, best, other = self.run, self.chosen, self.other
+        clear = Signal()
+        image_first = Signal()
+        m.d.sync += [clear.eq(self.clears), image_first.eq(self.image_first)]
         placed = Signal()  # the image has had a line
-        with m.If(self.image_first):
+        with m.If(image_first):
             m.d.sync += placed.eq(0)
-        with m.Elif(self.clear & self.found):
-            m.d.sync += [placed.eq(1), self.place.eq(best.centre)]
+        with m.Elif(clear & self.found):
+            m.d.sync += placed.eq(1)
+        with m.If(clear & self.found):
+            m.d.sync += self.place.eq(best.centre)
 
         # Runs come at least two clocks apart, so the run still stands while it is taken, and the one before has been.
-        compared = Signal()
+        # Each register holds as much of the decision as one LUT behind its comparison can: the one that is left has
+        # hundreds of enables to drive.
         enough = Signal()
-        wide = Signal()
-        narrow = Signal()
-        stronger = Signal()
-        wider = Signal()
-        nearer = Signal()
+        allowed = Signal()
+        measured_better = Signal()
+        placed_better = Signal()
         outdoes = Signal()
-        held = Signal()
+        keeps = Signal()  # the best becomes the other where it is displaced
         # What decides is known long before a run.
         by_place = Signal()
         by_strength = Signal()
@@ -80,35 +84,32 @@ class Choose(wiring.Component):
         always = Signal()
         choice = self.settings.choice
         m.d.sync += [
-            compared.eq(self.valid),
-            enough.eq(run.gated >= self.settings.run_gated),
-            wide.eq(run.width >= self.settings.run_width_min),
-            narrow.eq(run.width <= self.settings.run_width_max),
-            stronger.eq(run.strength > best.strength),
-            wider.eq(run.width > best.width),
-            nearer.eq(run.away < best.away),
             by_place.eq((choice == Choice.NEAREST) & placed),
             by_width.eq(choice == Choice.WIDEST),
             always.eq(choice == Choice.LAST),
             by_strength.eq((choice == Choice.STRONGEST) | ((choice == Choice.NEAREST) & ~placed)),
+            enough.eq((run.gated >= self.settings.run_gated) & self.valid & ~self.clears),
+            allowed.eq((run.width >= self.settings.run_width_min) & (run.width <= self.settings.run_width_max)),
+            measured_better.eq((by_strength & (run.strength > best.strength)) | (by_width & (run.width > best.width))),
+            placed_better.eq((by_place & (run.away < best.away)) | always | ~self.found | clear),
             outdoes.eq(~self.other_found | (run.strength > other.strength)),
-            held.eq(~self.other_found | (best.strength >= other.strength)),
+            keeps.eq((~self.other_found | (best.strength >= other.strength)) & self.found & ~clear),
         ]
         better = Signal()
-        counts = Signal()
         m.d.comb += [
-            better.eq(always | (by_strength & stronger) | (by_width & wider) | (by_place & nearer)),
-            counts.eq(compared & enough & wide & narrow & ~self.clear),
-            self.take.eq(counts & (better | ~self.found)),
+            better.eq(measured_better | placed_better),
+            self.take.eq(enough & allowed & better),
         ]
-        with m.If(self.clear):
+        with m.If(clear):
             m.d.sync += [self.found.eq(0), self.other_found.eq(0)]
         with m.If(self.take):
             m.d.sync += [self.found.eq(1), *assign(best, run, Run())]
-            with m.If(self.found & held):
-                m.d.sync += [self.other_found.eq(1), *_stand(other, best)]
-        with m.Elif(counts & outdoes):
-            m.d.sync += [self.other_found.eq(1), *_stand(other, run)]
+        with m.If(enough & allowed & Mux(better, keeps, outdoes)):
+            m.d.sync += self.other_found.eq(1)
+            with m.If(better):
+                m.d.sync += _stand(other, best)
+            with m.Else():
+                m.d.sync += _stand(other, run)
         return m
 
 

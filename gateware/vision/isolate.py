@@ -57,6 +57,7 @@ class Isolate(wiring.Component):
     ahead : ``i`` as it is in the next clock; of this only ``valid`` and the flags of row and image are used
     i_frame_end : strobe, with or after the last pixel of an image, or with the first one of the next
     o : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready
+    coming : ``o.valid`` as it will be in the next clock
     holding : a whole row has not gone out yet
     o_frame_end : strobe; :attr:`latency` clocks after ``i_frame_end`` with ``isolate`` 0, otherwise in the clock after
         the last pixel
@@ -78,6 +79,7 @@ class Isolate(wiring.Component):
                 "ahead": In(stream.Signature(MeasuredPixel, always_ready=True)),
                 "i_frame_end": In(1),
                 "o": Out(stream.Signature(MeasuredPixel, always_ready=True)),
+                "coming": Out(1),
                 "o_frame_end": Out(1),
                 "holding": Out(1),
             }
@@ -208,11 +210,12 @@ class Isolate(wiring.Component):
         first_1 = Signal()
         m.d.sync += [valid_1.eq(valid), valid_2.eq(valid_1), first_1.eq(first)]
         o = self.o.p
+        m.d.comb += self.coming.eq(Mux(direct, valid_2, there_valid))
+        m.d.sync += self.o.valid.eq(self.coming)
         with m.If(direct):
-            m.d.sync += [self.o.valid.eq(valid_2), o.eq(late)]
+            m.d.sync += o.eq(late)
         with m.Else():
             m.d.sync += [
-                self.o.valid.eq(there_valid),
                 o.mix.eq(there.mix),
                 o.weight.eq(there.weight),
                 o.gate.eq(there.gate & stays),

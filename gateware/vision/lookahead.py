@@ -45,6 +45,7 @@ class Lookahead(wiring.Component):
     -------
     settings : ``run_reach``, ``column_first`` and ``column_last`` are used
     i : stream of :class:`~gateware.vision.pixels.MeasuredPixel`, always ready
+    coming : ``i.valid`` as it will be in the next clock
     step, mix, row_first : the filter's input: a new column, its mix (a blank repeats the last), whether it begins a
         row; the column stands at ``mix`` from the clock after its step on, until the next step
     before : number of the column before it, modulo 4096
@@ -55,6 +56,7 @@ class Lookahead(wiring.Component):
 
     settings: In(FrameSettings)
     i: In(stream.Signature(MeasuredPixel, always_ready=True))
+    coming: In(1)
     step: Out(1)
     mix: Out(8)
     row_first: Out(1)
@@ -72,11 +74,14 @@ class Lookahead(wiring.Component):
         i = self.i.p
         blanks = Signal(range(LOOKAHEAD + 1))  # left to insert
         blanking = Signal()  # blanks != 0, ahead of time
+        blanks_next = Signal()
+        m.d.comb += blanks_next.eq(Mux(self.i.valid, i.row_last, blanking & (blanks != 1)))
         with m.If(self.i.valid):
-            m.d.sync += [blanks.eq(Mux(i.row_last, LOOKAHEAD, 0)), blanking.eq(i.row_last)]
+            m.d.sync += blanks.eq(Mux(i.row_last, LOOKAHEAD, 0))
         with m.Elif(blanking):
-            m.d.sync += [blanks.eq(blanks - 1), blanking.eq(blanks != 1)]
-        m.d.comb += self.step.eq(self.i.valid | blanking)
+            m.d.sync += blanks.eq(blanks - 1)
+        # A register of its own, for it has a hundred enables to drive.
+        m.d.sync += [blanking.eq(blanks_next), self.step.eq(self.coming | blanks_next)]
 
         # Place p of each line holds what entered p steps ago; column x stands at place LOOKAHEAD.
         flags = ("gate", "saturated", "row_first", "row_last", "frame_first", "fault")
@@ -104,6 +109,7 @@ class Lookahead(wiring.Component):
         entry = LOOKAHEAD - 1
         reach = self.settings.run_reach
         # (A reset that does not wait for a clock enable costs nothing.)
+        row_comes = Signal()  # with the next step it enters
         row_enters = Signal()
         frame_enters = Signal()
         leaves = Signal()
@@ -123,6 +129,7 @@ class Lookahead(wiring.Component):
                 behind_pick.eq(gates[LOOKAHEAD:].bit_select(reach, 1)),
             ]
         m.d.comb += [
+            row_comes.eq(self.step & lines["row_first"][entry - 1]),
             row_enters.eq(self.step & lines["row_first"][entry]),
             frame_enters.eq(row_enters & lines["frame_first"][entry]),
             leaves.eq(self.step & lines["row_last"][LOOKAHEAD]),
@@ -132,20 +139,20 @@ class Lookahead(wiring.Component):
         following = Signal(12)
         at_first = Signal()
         at_last = Signal()
-        only = Signal()
-        m.d.sync += only.eq(self.settings.column_last == 0)
-        with m.If(row_enters):
-            m.d.sync += [column.eq(0), following.eq(1), self.before.eq(~0), behind.eq(0), at_last.eq(only)]
+        with m.If(row_comes):
+            m.d.sync += following.eq(0)
         with m.Elif(self.step):
+            m.d.sync += following.eq(following + 1)
+        with m.If(row_enters):
+            m.d.sync += [self.before.eq(~0), behind.eq(0)]
+        with m.Elif(self.step):
+            m.d.sync += [self.before.eq(column), behind.eq(behind + behind_pick)]
+        with m.If(self.step):
             m.d.sync += [
                 column.eq(following),
-                following.eq(following + 1),
-                self.before.eq(column),
-                behind.eq(behind + behind_pick),
+                at_first.eq(following == self.settings.column_first),
                 at_last.eq(following == self.settings.column_last),
             ]
-        with m.If(self.step):
-            m.d.sync += at_first.eq(following == self.settings.column_first)
         # Behind a row's last column all is blank, so the count starts anew before the next row is in view.
         with m.If(leaves):
             m.d.sync += ahead.eq(ahead_gate)

@@ -11,6 +11,7 @@ from magtrak.reference.fir import BEND, FRACTION
 
 from ..arithmetic import SerialDivider
 from ..layouts import FrameSettings, RowResult
+from ..select import one_of
 from .choose import Rival
 from .runs import Crossing, Run, assign
 from .spread import Gated
@@ -122,28 +123,28 @@ class Peak(wiring.Component):
             ]
         detector = self.settings.detector
         binary = Signal()
-        centroid = Signal()
+        by_run = Signal()
+        by_window = Signal()
+        by_crossing = Signal()  # none of these
         maximum = Signal()
-        of_run = Signal()
+        centroid = detector == Detector.CENTROID
+        of_run = (self.settings.centroid_window == Span.RUN) if self.window_latency else C(1, 1)
         m.d.sync += [
             binary.eq(detector == Detector.BINARY),
-            centroid.eq(detector == Detector.CENTROID),
+            by_run.eq(centroid & of_run),
+            by_window.eq(centroid & ~of_run),
+            by_crossing.eq((detector != Detector.BINARY) & ~(centroid & of_run)),
             maximum.eq(detector == Detector.MAXIMUM),
-            of_run.eq((self.settings.centroid_window == Span.RUN) if self.window_latency else 1),
         ]
-        by_run, by_window = centroid & of_run, centroid & ~of_run
 
         # The position's quotient: mean column of gated pixels, distance from the run's last column, or the crossing's
         # share of a column. All fit: a mean is less than max_columns, a rise less than its contrast.
         numerator = Signal(30)
         divisor = Signal(20)
-        with m.If(binary):
-            m.d.comb += [numerator.eq(self.gated.columns), divisor.eq(self.gated.total)]
-        with m.Elif(by_run):
-            m.d.comb += [numerator.eq(self.chosen.moment), divisor.eq(self.chosen.sum)]
-        with m.Else():
-            m.d.comb += [numerator.eq(self.chosen.crossing.rise), divisor.eq(self.chosen.strength)]
+        ways = Cat(binary, by_run, by_crossing)
         m.d.comb += [
+            numerator.eq(one_of([self.gated.columns, self.chosen.moment, self.chosen.crossing.rise], ways)),
+            divisor.eq(one_of([self.gated.total, self.chosen.sum, self.chosen.strength], ways)),
             position.start.eq(self.taken),
             position.dividend.eq(numerator << FRACTION_BITS),
             position.divisor.eq(divisor),
@@ -180,7 +181,10 @@ class Peak(wiring.Component):
         base = Signal(13, reset_less=True)
         base_held = Signal(13, reset_less=True)
         part = Signal(FRACTION_BITS, reset_less=True)
-        whole, crossed, single = (Signal(name=n) for n in ("whole", "crossed", "single"))
+        whole = Signal()
+        # No share of a column counts: the line is in the middle, or it is not the crossing's.
+        middle, rival_middle = Signal(), Signal()
+        run_bends, rival_bends = Signal(), Signal()
         addend = Signal(signed(position.quotient_bits + 2), reset_less=True)
         fine = Signal(21, reset_less=True)
         fine_before = Signal(21, reset_less=True)
@@ -197,23 +201,23 @@ class Peak(wiring.Component):
             m.d.sync += [
                 of_rival.eq(steps[self._place_clock - 1]),
                 tops.eq(run.peak_first + run.peak_last),
+                middle.eq(run.crossing.single | ~run.crossed | by_window | maximum),
+                run_bends.eq(run.crossing.straight & run.crossed & ~by_window & ~maximum),
+                rival_middle.eq(rival.crossing.single | ~rival.crossed),
+                rival_bends.eq(rival.crossing.straight & rival.crossed),
             ]
             with m.If(of_rival):
                 m.d.sync += [
                     base.eq(rival.crossing.halves),
-                    part.eq(rival_divider.quotient),
+                    part.eq(Mux(rival_middle, FRACTION // 2, rival_divider.quotient)),
                     whole.eq(0),
-                    crossed.eq(rival.crossed),
-                    bend.eq(Mux(rival.crossing.straight, bend_of[1], 0)),
-                    single.eq(rival.crossing.single),
+                    bend.eq(Mux(rival_bends, bend_of[1], 0)),
                 ]
             with m.Else():
                 m.d.sync += [
-                    part.eq(position.quotient),
+                    part.eq(Mux(middle, FRACTION // 2, position.quotient)),
                     whole.eq(binary | by_run),
-                    crossed.eq(run.crossed & ~by_window & ~maximum),
-                    bend.eq(Mux(run.crossing.straight, bend_of[0], 0)),
-                    single.eq(run.crossing.single),
+                    bend.eq(Mux(run_bends, bend_of[0], 0)),
                 ]
                 with m.If(binary):
                     m.d.sync += base.eq(0)
@@ -226,7 +230,7 @@ class Peak(wiring.Component):
             with m.If(whole):  # -quotient - 1 with the run's centroid: a unit is added below
                 m.d.sync += addend.eq((Cat(position.quotient, C(0, 1)) ^ by_run.replicate(len(addend))).as_signed())
             with m.Else():
-                m.d.sync += addend.eq(_straighten(part, bend, crossed, single))
+                m.d.sync += addend.eq(_straighten(part, bend))
             m.d.sync += [
                 base_held.eq(base),
                 # And one unit more, to round half up.
@@ -301,13 +305,12 @@ class Peak(wiring.Component):
         return m
 
 
-def _straighten(part, bend, crossed, single):
+def _straighten(part, bend):
     """What a crossing adds to the middle between its columns, in 1/512 px.
 
-    See :func:`magtrak.reference.fir.position`; ``part`` is the share on a straight line, ``bend`` what is
-    added to it.
+    See :func:`magtrak.reference.fir.position`; ``part`` is the share on a straight line, or a half where there is none,
+    ``bend`` what is added to it.
     """
-    share = Mux(single, FRACTION // 2, (part + bend)[:FRACTION_BITS])
+    share = (part + bend)[:FRACTION_BITS]
     # Half a column less, the middle's.
-    less = Cat(share[:-1], ~share[-1], ~share[-1]).as_signed()
-    return Mux(crossed, less, 0)
+    return Cat(share[:-1], ~share[-1], ~share[-1]).as_signed()

@@ -1,5 +1,7 @@
 """Runs of lit pixels, each with its two best zero crossings."""
 
+from operator import ge, gt
+
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -244,9 +246,6 @@ class Runs(wiring.Component):
                 run.last.eq(at),
                 middle.eq(at << 1),
                 run.sum.eq(weight),
-                run.peak.eq(weight),
-                run.peak_first.eq(at),
-                run.peak_last.eq(at),
                 run.moment.eq(0),
                 swept.eq(0),
                 run.clipped.eq(saturated),
@@ -269,10 +268,6 @@ class Runs(wiring.Component):
                     touches_right.eq(at_right),
                     high.eq(ahead),
                 ]
-                with m.If(weight >= run.peak):
-                    m.d.sync += [run.peak.eq(weight), run.peak_last.eq(at)]
-                with m.If(weight > run.peak):
-                    m.d.sync += run.peak_first.eq(at)
             with m.If(passes):
                 m.d.sync += swept.eq(moment)
             with m.If(crosses):
@@ -291,17 +286,21 @@ class Runs(wiring.Component):
                 ]
             with m.Elif(~run.second_found | second):
                 m.d.sync += [*assign(run.second, crossing, Crossing()), run.second_contrast.eq(contrast)]
+        self._top(m, run, starts, extends, weight, at)
         ended = Signal()
         waited = Signal()
         m.d.sync += [waited.eq(closed_lit), ended.eq(closed | waited)]
 
         # 3: hold, while the next run adds up
         binary = Signal()
-        between = Signal()
+        between = Signal()  # `binary` or not `run.crossed`
         short = Signal()
-        m.d.sync += [binary.eq(self.settings.detector == Detector.BINARY), self.valid.eq(ended)]
+        m.d.sync += [
+            binary.eq(self.settings.detector == Detector.BINARY),
+            self.valid.eq(ended),
+            between.eq(binary | ~Mux(starts, crosses, run.crossed | crosses)),
+        ]
         m.d.comb += [
-            between.eq(binary | ~run.crossed),
             short.eq(Mux(between, middle_short, centre_short)),
         ]
         m.d.sync += beyond_place(middle >> 1, middle_away, middle_short)
@@ -321,6 +320,31 @@ class Runs(wiring.Component):
                 self.o.second_found.eq(run.second_found & ~between),
             ]
         return m
+
+    @staticmethod
+    def _top(m: Module, run, starts, extends, weight, at) -> None:
+        """The run's greatest weight, a clock later than all else of it, which is held no sooner than that.
+
+        Each weight is compared a clock ahead, with the greatest one and with the weight before it, which may be that by
+        then.
+        """
+        weight_before = Signal(8, reset_less=True)
+        at_before = Signal(12, reset_less=True)
+        replaced = Signal()
+        reaches = Signal()
+        exceeds = Signal()
+        for result, compare in ((reaches, ge), (exceeds, gt)):
+            of_greatest, of_before = Signal(), Signal()
+            m.d.sync += [
+                of_greatest.eq(starts | (extends & compare(weight, run.peak))),
+                of_before.eq(starts | (extends & compare(weight, weight_before))),
+            ]
+            m.d.comb += result.eq(Mux(replaced, of_before, of_greatest))
+        m.d.sync += [weight_before.eq(weight), at_before.eq(at), replaced.eq(reaches)]
+        with m.If(reaches):
+            m.d.sync += [run.peak.eq(weight_before), run.peak_last.eq(at_before)]
+        with m.If(exceeds):
+            m.d.sync += run.peak_first.eq(at_before)
 
 
 def connect_fir(m: Module, fir, runs: Runs) -> None:

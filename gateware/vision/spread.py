@@ -35,7 +35,7 @@ class Spread(wiring.Component):
     o : stream of :class:`Gated`, always ready, one per row, :attr:`latency` clocks after its last column; until the
         next row's last column, but ``row``, ``last_column`` and ``fault`` until its first
 
-    A clock without a column follows each row.
+    Two clocks without a column follow each row.
     """
 
     column: In(stream.Signature(Column, always_ready=True))
@@ -44,8 +44,8 @@ class Spread(wiring.Component):
     right_edge: In(1)
     o: Out(stream.Signature(Gated, always_ready=True))
 
-    latency = 2
-    """Clocks from the row's last column to the result: add, hold, while the sums begin anew."""
+    latency = 3
+    """Clocks from the row's last column to the result: take, add, hold, while the sums begin anew."""
 
     def elaborate(self, platform):
         m = Module()
@@ -58,23 +58,39 @@ class Spread(wiring.Component):
         first_touches = Signal(reset_less=True)
         last_touches = Signal(reset_less=True)
         over = Signal()
-        m.d.sync += [over.eq(self.column.valid & i.row_last), self.o.valid.eq(over)]
+        # A register before the sums: what they take comes from afar.
+        gated = Signal()
+        column = Signal(12, reset_less=True)
+        column_before = Signal(12, reset_less=True)
+        left_edge = Signal(reset_less=True)
+        right_edge = Signal(reset_less=True)
+        ends = Signal()
+        m.d.sync += [
+            gated.eq(self.column.valid & i.gate),
+            column.eq(i.column),
+            column_before.eq(self.before),
+            left_edge.eq(self.left_edge),
+            right_edge.eq(self.right_edge),
+            ends.eq(self.column.valid & i.row_last),
+            over.eq(ends),
+            self.o.valid.eq(over),
+        ]
         with m.If(self.column.valid):
             m.d.sync += [
                 o.row.eq(i.row),
                 o.last_column.eq(i.column),
                 o.fault.eq(i.fault | (o.fault & ~i.row_first)),
             ]
-        with m.If(self.column.valid & i.gate):
+        with m.If(gated):
             m.d.sync += [
                 total.eq(total + 1),
-                columns.eq(columns + i.column),
+                columns.eq(columns + column),
                 some.eq(1),
-                last.eq(i.column),
-                last_touches.eq(self.right_edge),
+                last.eq(column),
+                last_touches.eq(right_edge),
             ]
             with m.If(~some):
-                m.d.sync += [before.eq(self.before), first_touches.eq(self.left_edge)]
+                m.d.sync += [before.eq(column_before), first_touches.eq(left_edge)]
         with m.If(over):
             m.d.sync += [
                 o.total.eq(total),

@@ -116,7 +116,7 @@ class Vision(wiring.Component):
             self.subtracted.eq(pixels.subtracted),
         ]
         frame_end_in = _strobe_delayed(m, monitor.frame_end, Pixels.latency, "frame_end_in")
-        pixel = pixels.o
+        pixel, coming = pixels.o, pixels.ahead.valid
         holding = Signal()
         frame_end = frame_end_in
         if features.isolate:
@@ -125,8 +125,9 @@ class Vision(wiring.Component):
             wiring.connect(m, pixels.ahead, isolate.ahead)
             m.d.comb += [isolate.settings.eq(self.settings), isolate.i_frame_end.eq(frame_end_in)]
             m.d.comb += holding.eq(isolate.holding)
-            pixel, frame_end = isolate.o, isolate.o_frame_end
+            pixel, coming, frame_end = isolate.o, isolate.coming, isolate.o_frame_end
         wiring.connect(m, pixel, lookahead.i)
+        m.d.comb += lookahead.coming.eq(coming)
         wiring.connect(m, lookahead.o, spread.column)
         m.d.comb += [
             runs.column.p.eq(lookahead.o.p),
@@ -149,7 +150,7 @@ class Vision(wiring.Component):
         m.d.comb += [
             choose.valid.eq(runs.valid),
             choose.image_first.eq(lookahead.o.valid & column.row_first & (column.row == 0)),
-            choose.clear.eq(row_ends[-1]),
+            choose.clears.eq(row_ends[-2]),
             runs.place.eq(choose.place),
             peak.ends.eq(row_ends[-2]),
             peak.found.eq(choose.found),

@@ -181,30 +181,26 @@ class Window(wiring.Component):
         with m.If(of_taken[1]):
             m.d.sync += [
                 *(held.eq(mean + added) for held, mean in zip(bases, shown, strict=True)),
-                brighter.eq(shown[1] > shown[0]),
+                # Where the left one lies outside and the right one is 0, either will do.
+                brighter.eq(~outside[1] & (outside[0] | (means_right.read.data > means_left.read.data))),
             ]
         with m.If(step[1]):
             m.d.sync += base.eq(Mux(brighter, bases[1], bases[0]))
 
-        # Read from the last word to the first. `number` is that of the word being read. Words behind the window's last
-        # come before that one.
+        # Read from the last word to the first. Words behind the window's last come before that one.
         read = words.read
-        number = Signal(word_bits + 1)
         m.d.comb += [read.en.eq(active), read.addr.eq(Cat(address[:word_bits], bank_held))]
         with m.If(active):
-            m.d.sync += [address.eq(address - 1), number.eq(address)]
+            m.d.sync += address.eq(address - 1)
         mask = Signal(LANES)
         lanes_low = Signal(LANES)
         lanes_high = Signal(LANES)
-        is_last = Signal()
+        is_last = Signal()  # the word being read is
         reached = Signal()
-        m.d.comb += [
-            is_last.eq(number == last_word),
-            lanes_low.eq(0xFF << low),
-            lanes_high.eq(C(0xFF, LANES) >> ~high),
-        ]
+        m.d.sync += [lanes_low.eq(0xFF << low), lanes_high.eq(C(0xFF, LANES) >> ~high)]
         with m.If(active):
             m.d.sync += [
+                is_last.eq(address == last_word),
                 reached.eq(~step[0] & (reached | is_last)),
                 mask.eq(
                     Mux(reached | is_last, 0xFF, 0) & Mux(step[WORDS], lanes_low, 0xFF) & Mux(is_last, lanes_high, 0xFF)

@@ -178,12 +178,15 @@ class SpreadDoesNotOverflow(RowsOfTheStatedSize):
         m = Module()
         dut = Spread()
         m.submodules.dut = inner = Opened(dut)
-        column = self.feed(m, dut)
+        fed = self.feed(m, dut)
+        # What was fed a clock ago is added.
+        column, adds, ends = Signal.like(fed), Signal(), Signal()
+        m.d.sync += [column.eq(fed), adds.eq(self.valid), ends.eq(self.valid & dut.column.p.row_last)]
         over = Signal()
-        m.d.sync += over.eq(self.valid & dut.column.p.row_last)
-        m.d.comb += Assume(~(over & self.valid))
+        m.d.sync += over.eq(ends)
+        m.d.comb += Assume(~((over | ends) & self.valid))
         done = Signal(12)  # columns of the row that are in the sums
-        with m.If(self.valid):
+        with m.If(adds):
             m.d.sync += done.eq(column + 1)
         # The sum of all columns before `done`: done * (done - 1) / 2, in halves of six bits, for the solver's sake.
         low, high = done[:6], done[6:]
@@ -194,6 +197,11 @@ class SpreadDoesNotOverflow(RowsOfTheStatedSize):
             Assert(done <= COLUMNS),
             Assert((column == 0) | (done == column)),
             Assert(over == inner["over"]),
+            Assert(ends == inner["ends"]),
+            Assert(~(over & adds)),
+            Assert(~inner["gated"] | adds),
+            Assert(~adds | (inner["column"] == column)),
+            Assert(fed == Mux(ends, 0, column + adds)),
             Assert((column != 0) | over | (inner["total"] == 0)),
             Assert((column != 0) | over | (inner["columns"] == 0)),
             Assert(inner["total"] <= done),

@@ -44,7 +44,8 @@ class Filtered(wiring.Component):
         m = Module()
         m.submodules.lookahead = ahead = Lookahead()
         m.submodules.fir = block = Fir()
-        wiring.connect(m, wiring.flipped(self.i), ahead.i)
+        m.d.comb += ahead.coming.eq(self.i.valid)
+        m.d.sync += [ahead.i.valid.eq(self.i.valid), ahead.i.p.eq(self.i.p)]
         m.d.comb += [
             block.step.eq(ahead.step),
             block.mix.eq(ahead.mix),

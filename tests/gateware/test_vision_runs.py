@@ -31,7 +31,8 @@ class Found(wiring.Component):
         m = Module()
         m.submodules.lookahead = ahead = Lookahead()
         m.submodules.runs = runs = Runs()
-        wiring.connect(m, wiring.flipped(self.i), ahead.i)
+        m.d.comb += ahead.coming.eq(self.i.valid)
+        m.d.sync += [ahead.i.valid.eq(self.i.valid), ahead.i.p.eq(self.i.p)]
         wiring.connect(m, ahead.o, runs.column)
         wiring.connect(m, runs.o, wiring.flipped(self.o))
         m.d.comb += [
