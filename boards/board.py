@@ -39,7 +39,7 @@ SYNTHESIS = {"ecp5": "-nowidelut", "ice40": "-dsp -device u"}
 BEFORE_SYNTHESIS = {"ecp5": "", "ice40": "setattr -unset init a:before_reading"}
 """What Yosys does first: see :class:`gateware.memory.BlockRam`."""
 
-PLACEMENT = "--report report.json --seed 1 --timing-allow-fail"
+PLACEMENT = "--report report.json --seed {seed} --timing-allow-fail"
 """Options of nextpnr; that timing is met is checked afterwards, in the report."""
 
 
@@ -54,6 +54,11 @@ def _pattern(board: "Board") -> Source:
 PIXEL_HZ = {"pattern-1080p": 150_000_000}
 """Sources whose pixels have a clock of their own, the domain ``pixel``. 1080p60 has 148.5 MHz, which the PLL cannot
 make of the boards' oscillators: this is one percent more."""
+
+
+SEEDS = {"pattern-1080p": 2}
+"""The seed of nextpnr for sources whose clock is met with it; it is 1 for the others. ``docs/pixel-clock.md`` has what
+more seeds reach."""
 
 
 def _pattern_1080p(board: "Board") -> Source:
@@ -127,11 +132,11 @@ class Board:
         own = {"clock_hz": self.sync_hz, "serial": serial, "pixel_domain": pixel_domain, "features": self.features}
         return Top(clocks, Card(SOURCES[source](self), made, **own))
 
-    def open(self) -> Platform:
-        """The platform with what is wired to it, for one build."""
+    def open(self, seed: int = 1) -> Platform:
+        """The platform with what is wired to it, for one build, whose placement begins from ``seed``."""
         vendor = {"ecp5": LatticeECP5Platform, "ice40": SiliconBluePlatform}[self.family]
         hooks = (Ecp5,) if self.family == "ecp5" else ()
-        opened = type("Wired", (_Tools, *hooks, self.platform), {"vendor": vendor})()
+        opened = type("Wired", (_Tools, *hooks, self.platform), {"vendor": vendor, "seed": seed})()
         opened.add_resources(wiring.resources(self.wiring, self.family))
         return opened
 
@@ -169,7 +174,7 @@ class _Tools:
         ours = {
             "synth_opts": SYNTHESIS[family],
             "script_after_read": BEFORE_SYNTHESIS[family],
-            "nextpnr_opts": PLACEMENT,
+            "nextpnr_opts": PLACEMENT.format(seed=self.seed),
             "emit_src": False,
         }
         return super().toolchain_prepare(fragment, name, **{**ours, **options})

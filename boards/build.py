@@ -24,7 +24,7 @@ import click
 from amaranth.build.run import BuildPlan
 from amaranth.hdl import UnusedElaboratable
 
-from .board import SERIAL, SOURCES, Board
+from .board import SEEDS, SERIAL, SOURCES, Board
 from .catalogue import find
 from .dfu import suffixed
 from .errors import BoardError
@@ -107,7 +107,7 @@ def plan(board: Board, link: str | None = None, source: str = "pattern", serial:
         raise BoardError(f"there is no source {source!r}; the sources are: {', '.join(SOURCES)}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of LUNA and of amaranth-boards
-        return board.open().build(board.card(link, source, serial), do_build=False)
+        return board.open(SEEDS.get(source, 1)).build(board.card(link, source, serial), do_build=False)
 
 
 def build(board: Board, link: str | None = None, source: str = "pattern", serial: int = SERIAL) -> Result:
