@@ -11,6 +11,7 @@ from magtrak import protocol
 from magtrak.frames import DamagedFrameError, LoggedEdge, decode_frame
 from magtrak.protocol import Field, Layout, RowForm
 from magtrak.records import FieldArrays
+from magtrak.rows import QUALITY_FLAGS, Rows, quality
 from tests.support.frames import full_rows
 
 HEADER = dict.fromkeys((f.name for f in protocol.FRAME.fields if not f.reserved), 0)
@@ -61,6 +62,21 @@ def test_compact_rows() -> None:
     assert [bool(flag[0]) for flag in flags] == [True, True, False, True, False]
     assert (rows.peak[0], rows.width_px[0]) == (255, 15)
     assert frame.row_times.tolist() == [0]
+
+
+@given(st.lists(st.integers(0, 2**32 - 1), max_size=20), st.integers(0, 3))
+def test_compact_rows_are_judged_as_their_fields_are(words: list[int], parts: int) -> None:
+    pieces = [words] * parts + [words]
+    rows = Rows.joined(
+        [Rows(RowForm.COMPACT, np.arange(len(piece)), np.array(piece, "<u4").tobytes()) for piece in pieces]
+    )
+    one_by_one = [protocol.COMPACT_ROW.unpack(word.to_bytes(4, "little")) for word in words] * len(pieces)
+    assert len(rows) == len(one_by_one)
+    for n, row in enumerate(one_by_one):
+        peak, width = 17.0 * row["peak"], float(row["width"])
+        flags = [np.array([bool(row[name])]) for name in QUALITY_FLAGS]
+        assert (rows.peak[n], rows.width_px[n], rows.valid[n]) == (peak, width, bool(row["valid"]))
+        assert rows.quality[n] == quality(np.array([peak]), np.array([width]), *flags)[0]
 
 
 def test_edges_and_flags() -> None:
