@@ -16,7 +16,7 @@ from gateware.camera.sensor import SensorTable
 from gateware.card import Card, Link, Source, uart, usb
 from gateware.features import Features
 
-from . import wiring
+from . import synthesis, wiring
 from .clocks import Ecp5Clocks, Ice40Clocks
 from .ecp5 import Ecp5
 from .errors import BoardError
@@ -30,14 +30,11 @@ IMAGES_HZ = 60
 ROWS_1024 = Features(max_rows=1024)
 """Everything, for images of up to 1024 rows."""
 
+LEFT_OUT = ("speed_loop", "snapshot", "edge_log", "turn_check", "notes", "pwm_period", "full_rows")
+"""Of :class:`~gateware.features.Features`, what a lean card is built without."""
+
 SERIAL = 1
 """Serial number of the card; ``SERIAL=`` of ``make bitstream`` gives each one of its own."""
-
-SYNTHESIS = {"ecp5": "-nowidelut", "ice40": "-dsp -device u"}
-"""Options of Yosys's ``synth_ecp5`` and ``synth_ice40``; ``docs/boards/README.md`` tells what they bring."""
-
-BEFORE_SYNTHESIS = {"ecp5": "", "ice40": "setattr -unset init a:before_reading"}
-"""What Yosys does first: see :class:`gateware.memory.BlockRam`."""
 
 PLACEMENT = "--report report.json --seed {seed} --timing-allow-fail"
 """Options of nextpnr; that timing is met is checked afterwards, in the report."""
@@ -138,6 +135,8 @@ class Board:
         hooks = (Ecp5,) if self.family == "ecp5" else ()
         opened = type("Wired", (_Tools, *hooks, self.platform), {"vendor": vendor, "seed": seed})()
         opened.add_resources(wiring.resources(self.wiring, self.family))
+        for name, text in synthesis.files(self.family).items():
+            opened.add_file(name, text)
         return opened
 
 
@@ -172,8 +171,9 @@ class _Tools:
     def toolchain_prepare(self, fragment, name, **options):
         family = "ecp5" if self.vendor is LatticeECP5Platform else "ice40"
         ours = {
-            "synth_opts": SYNTHESIS[family],
-            "script_after_read": BEFORE_SYNTHESIS[family],
+            "synth_opts": synthesis.OPTIONS[family],
+            "script_after_read": synthesis.BEFORE[family],
+            "script_after_synth": synthesis.AFTER[family],
             "nextpnr_opts": PLACEMENT.format(seed=self.seed),
             "emit_src": False,
         }

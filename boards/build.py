@@ -1,4 +1,4 @@
-"""Builds a board's bitstream. ``python -m boards.build BOARD [--link uart|usb] [--source pattern] [--serial HEX]``
+"""Builds a board's bitstream. ``python -m boards.build BOARD [--link uart|usb] [--source pattern] [--lean]``
 
 Leaves in ``build/BOARD``, or ``build/BOARD-LINK`` for another link than the default, ``top.bit`` (``top.bin`` for an
 iCE40), nextpnr's ``report.json``, the tools' reports ``top.rpt`` and ``top.tim``, and ``result.json``. What was built
@@ -15,7 +15,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ import click
 from amaranth.build.run import BuildPlan
 from amaranth.hdl import UnusedElaboratable
 
-from .board import SEEDS, SERIAL, SOURCES, Board
+from .board import LEFT_OUT, SEEDS, SERIAL, SOURCES, Board
 from .catalogue import find
 from .dfu import suffixed
 from .errors import BoardError
@@ -84,6 +84,11 @@ class Result:
     def slow(self) -> list[str]:
         """Clocks that are slower than they have to be."""
         return [name for name, wanted in self.wanted_mhz.items() if self.mhz[name] < wanted]
+
+
+def lean(board: Board) -> Board:
+    """The board with a card of all detectors and no more: what is left out is :data:`~boards.board.LEFT_OUT`."""
+    return replace(board, name=f"{board.name}-lean", features=replace(board.features, **dict.fromkeys(LEFT_OUT, False)))
 
 
 def folder(board: Board, link: str | None, source: str = "pattern") -> Path:
@@ -236,15 +241,16 @@ def summary(board: Board, result: Result) -> str:
 @click.argument("name", metavar="BOARD", default="")
 @click.option("--link", metavar="uart|usb", default="", help="By default the board's first.")
 @click.option("--source", metavar="NAME", default="pattern", show_default=True, help="Where the images come from.")
+@click.option("--lean", "is_lean", is_flag=True, help="All detectors, and little else: fewer cells.")
 @click.option("--serial", metavar="HEX", default="1", show_default=True, help="Serial number of the card.")
-def main(name: str, link: str, source: str, serial: str) -> None:
+def main(name: str, link: str, source: str, is_lean: bool, serial: str) -> None:
     """Build the bitstream of BOARD."""
     warnings.simplefilter("ignore", UnusedElaboratable)  # what a small card leaves out
     try:
         number = int(serial, 16) if re.fullmatch("[0-9A-Fa-f]{1,16}", serial) else None
         if number is None:
             raise BoardError(f"--serial {serial} has to be a hexadecimal number of up to 16 digits")
-        board = find(name)
+        board = lean(find(name)) if is_lean else find(name)
         result = build(board, link or None, source, number)
         click.echo(summary(board, result))
         check(board, result)

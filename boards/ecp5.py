@@ -1,9 +1,13 @@
 """What boards with an ECP5 share: parts of the FPGA that the tools don't choose by themselves."""
 
-from amaranth.hdl import C, Cat, ClockSignal, Const, Instance, Module, Signal, Value
+from functools import reduce
+from operator import or_
+
+from amaranth.hdl import C, Cat, ClockSignal, Const, Instance, Module, Mux, Signal, Value
 
 from gateware.arithmetic import AddSubtract, Multiply
 from gateware.memory import BlockRam, BlockRom
+from gateware.select import Picked
 
 _ADDRESS_BITS = 14
 _HALF = 18
@@ -69,6 +73,17 @@ class Ecp5:
             for n in range(2):
                 if 1 <= at + n <= bits:
                     m.d.comb += add_subtract.o[at + n - 1].eq(sums[n])
+        return m
+
+    def get_picked(self, picked: Picked) -> Module:
+        """A register for each value, whose reset takes it away where it is not the one: the AND takes no LUT, the OR a
+        third of one for each bit, and both together two thirds.
+        """
+        m = Module()
+        parts = [Signal(picked.bits, name=f"part{n}", reset_less=True) for n in range(picked.count)]
+        with m.If(picked.enable):
+            m.d.sync += [part.eq(Mux(picked.which[n], picked.i[n], 0)) for n, part in enumerate(parts)]
+        m.d.comb += picked.o.eq(reduce(or_, parts))
         return m
 
     def get_block_ram(self, ram: BlockRam) -> Module:

@@ -12,7 +12,7 @@ from .layouts import FrameSettings, LutWrite, NowSettings, SettingWrite
 from .link.packet import Answer, Command
 from .memory import BlockRam
 from .register_map import BANK_BIT, NOWHERE, NUMBER_BITS, PAGE_BITS, PAGES, TABLE_BASE, TABLES, built, number
-from .select import one_of
+from .select import Picked
 
 _CONSTANT = ("magic", "version", "map_hash", "max_columns", "max_rows", "background_cells", "features")
 _OWN = ("generation", "pending")
@@ -172,7 +172,13 @@ class RegisterFile(wiring.Component):
         m.d.sync += [self.arm.eq(0), self.lut.valid.eq(0)]
         answer = Signal(Answer)
         code = answer.code
-        m.d.comb += self.answer.payload.eq(answer)
+        own = {"generation": self.generation, "pending": pending}
+        shown = [own[name] if name in own else self.status[name] for name in _LIVE]
+        m.submodules.value = value = Picked(32, len(shown) + 2)
+        m.d.comb += [
+            *(value.i[n].eq(_extended(one)) for n, one in enumerate([*shown, high.value, values.read.data])),
+            *(self.answer.payload.eq(answer), self.answer.payload.value.eq(value.o)),
+        ]
         table_left = Signal(range(TABLE_CLOCKS))  # clocks in which what is written to a table has to stay
         if not self.keep:
             m.d.comb += [
@@ -204,7 +210,8 @@ class RegisterFile(wiring.Component):
                 if self.keep:
                     m.d.comb += self.command.ready.eq(1)
                     m.d.sync += [command.eq(self.command.payload), _to(answer, self.command.payload)]
-                m.d.sync += [answer.value.eq(0), code.eq(self.command.payload.refusal)]
+                m.d.comb += value.enable.eq(1)
+                m.d.sync += code.eq(self.command.payload.refusal)
                 with m.If(self.command.valid):
                     m.next = "Find"
                     with m.If(self.command.payload.refusal != AnswerCode.DONE):
@@ -266,13 +273,7 @@ class RegisterFile(wiring.Component):
                     m.d.sync += live.eq(0)
                 m.next = "Read"
             with m.State("Read"):
-                own = {"generation": self.generation, "pending": pending}
-                shown = [own[name] if name in own else self.status[name] for name in _LIVE]
-                value = one_of(
-                    [*(_extended(one) for one in shown), high.value, values.read.data],
-                    Cat(live, high.constant, high.kept),
-                )
-                m.d.sync += answer.value.eq(value)
+                m.d.comb += [value.enable.eq(1), value.which.eq(Cat(live, high.constant, high.kept))]
                 m.next = "Answer"
             with m.State("Answer"):
                 m.d.comb += self.answer.valid.eq(~self.write.valid & (table_left == 0))

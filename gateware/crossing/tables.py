@@ -48,7 +48,7 @@ class TableGuard(wiring.Component):
             waits.eq(self.i.valid & concerned & (command.address >> bits).matches(*bases)),
         ]
         # What is refused has to stay so until it is taken, even if the clock comes back.
-        left = Signal(self.patience_bits, init=-1)
+        waited = Signal(self.patience_bits)
         refused = Signal()
         m.d.comb += [
             self.o.valid.eq(self.i.valid & (~waits | refused)),
@@ -58,9 +58,9 @@ class TableGuard(wiring.Component):
         with m.If(refused):
             m.d.comb += self.o.payload.refusal.eq(AnswerCode.NO_CLOCK)
         with m.If(self.o.valid & self.o.ready):
-            m.d.sync += [refused.eq(0), left.eq(left.init)]
-        with m.Elif(waits & ~refused):
-            m.d.sync += [left.eq(left - 1), refused.eq(left == 0)]
+            m.d.sync += [refused.eq(0), waited.eq(0)]
+        with m.Elif(~waits):
+            m.d.sync += waited.eq(0)
         with m.Elif(~refused):
-            m.d.sync += left.eq(left.init)
+            m.d.sync += [waited.eq(waited + 1), refused.eq(waited.all())]
         return m

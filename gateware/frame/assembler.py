@@ -10,7 +10,7 @@ from magtrak.protocol import COMPACT_ROW, FRAME, FULL_ROW, MAX_EDGES, RowForm
 
 from ..features import ROW_WORDS, compact_rows
 from ..layouts import Packets
-from ..select import one_of
+from ..select import Picked
 from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, FrameReader
 
 _VALID = next(at for at, field in FULL_ROW if field.name == "valid")
@@ -96,7 +96,12 @@ class FrameAssembler(wiring.Component):
         words = [self.i.row, self.i.word]
         number = Signal(range(4))
         hot = Signal(8)
-        byte = one_of([word.word_select(n, 8) for word in words for n in range(4)], hot)
+        m.submodules.byte = byte = Picked(8, len(hot))
+        m.d.comb += [
+            *(byte.i[4 * at + n].eq(word.word_select(n, 8)) for at, word in enumerate(words) for n in range(4)),
+            byte.which.eq(hot),
+            self.o.payload.data.eq(byte.o),
+        ]
         last = number == 3
         empty = Signal()  # the row has no line
 
@@ -124,9 +129,9 @@ class FrameAssembler(wiring.Component):
                 with m.If(of_row[0]):
                     m.d.sync += empty.eq(~self.i.row[_VALID])
                 with m.If(free):
+                    m.d.comb += byte.enable.eq(1)
                     m.d.sync += [
                         self.o.valid.eq(1),
-                        self.o.payload.data.eq(byte),
                         self.o.payload.last.eq(last & part_ended & ended),
                         number.eq(number + 1),
                         hot.eq(hot << 1),

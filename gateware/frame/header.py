@@ -8,7 +8,7 @@ from magtrak.protocol import FRAME, FRAME_FLAGS, MAX_EDGES, Layout, Phase
 
 from ..layouts import Edge, Field
 from ..memory import BlockRam
-from ..select import one_of
+from ..select import Picked
 from .facts import EDGE_BASE, EDGE_WORDS, HEADER_WORDS, WORDS, ImageFacts, MotionFacts, RowFacts, StartFacts
 
 _EDGE_BITS = EDGE_BASE.bit_length() - 1
@@ -224,8 +224,13 @@ class HeaderStore(wiring.Component):
             m.d.sync += write.en.eq(Mux(passing, of_start == wanted, hot.any()))
         else:
             m.d.sync += [write.en.eq(hot.any()), hot[_FIRST[0]].eq(0), hot[_LAST[0]].eq(0)]
-        with m.If(hot.any()):
-            m.d.sync += write.data.eq(one_of([words[32 * n : 32 * (n + 1)] for n in range(len(hot))], hot))
+        m.submodules.word = word = Picked(32, len(hot))
+        m.d.comb += [
+            *(word.i[n].eq(words[32 * n : 32 * (n + 1)]) for n in range(len(hot))),
+            word.which.eq(hot),
+            word.enable.eq(hot.any()),
+            write.data.eq(word.o),
+        ]
         with m.FSM():
             with m.State("Wait"):
                 m.d.sync += step.eq(0 if self.close_images else _FIRST[0])

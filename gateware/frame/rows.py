@@ -9,7 +9,7 @@ from magtrak.protocol import COMPACT_ROW, FULL_ROW, RowForm
 from ..features import ROW_WORDS, compact_rows
 from ..layouts import Row, Rows, struct
 from ..memory import BlockRam
-from ..select import one_of
+from ..select import Picked
 from .facts import RowFacts, VisionFacts
 
 CompactRow = struct(COMPACT_ROW)
@@ -147,17 +147,19 @@ class RowStore(wiring.Component):
         common = next(at for at, field in COMPACT_ROW if field.name == "valid")  # of both forms, the lowest bits
         parts = [words[:common], words[common:32], words[32:64], words[64:96], words[96:], compact.as_value()[common:]]
         whole, short = hot[0] & full, hot[0] & ~full
-        chosen = Signal(len(parts))
-        empties = [_overflow(layout) for layout in (FULL_ROW, COMPACT_ROW)]
-        empty = Signal(2)
+        aligned = [Cat(Const(0, common), part) if part is parts[1] or part is parts[-1] else part for part in parts]
+        empties = [C(1 << _overflow(layout), 32) for layout in (FULL_ROW, COMPACT_ROW)]
+        m.submodules.word = word = Picked(32, len(parts) + len(empties))
+        m.d.comb += [
+            *(one.eq(part) for one, part in zip(word.i, [*aligned, *empties], strict=True)),
+            word.which.eq(Cat(hot[0], whole, hot[1:], short, fills & full, fills & ~full)),
+            word.enable.eq(hot.any() | fills),
+            write.data.eq(word.o),
+        ]
         m.d.sync += [
-            chosen.eq(Cat(hot[0], whole, hot[1:], short)),
-            empty.eq(Cat(fills & full, fills & ~full)),
             write.addr.eq(Cat(row[:low], Mux(full, number, row[low:])[:2], filling)),
             write.en.eq((hot.any() | fills) & room),
         ]
-        aligned = [Cat(Const(0, common), part) if part is parts[1] or part is parts[-1] else part for part in parts]
-        m.d.comb += write.data.eq(one_of([*aligned, *(C(1 << at, 32) for at in empties)], Cat(chosen, empty)))
         m.d.sync += [self.filled.eq(finished & queue[0].accepted), self.filled_bank.eq(filling)]
 
         with m.If(finished):

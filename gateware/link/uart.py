@@ -120,7 +120,7 @@ class UartReceiver(wiring.Component):
         # `level` tells the start bit two clocks after `line` does, and the phase starts a clock later. With half a step
         # more than half a bit, bit k is read around clock ceil((k + 0.5) * clocks per bit - 0.5) of its byte, counted
         # from the first low one: midway between the latest that it may begin and the earliest that it may end.
-        phase = Signal(_PHASE_BITS)
+        phase = Signal(_PHASE_BITS, init=(1 << (_PHASE_BITS - 1)) + self.step // 2)
         following = Signal(_PHASE_BITS + 1)
         bits = Signal(8)
         left = Signal(range(10))
@@ -133,7 +133,7 @@ class UartReceiver(wiring.Component):
         with m.FSM():
             with m.State("Idle"):
                 # Half a bit more, so that the phase wraps at the middles.
-                m.d.sync += [phase.eq((1 << (_PHASE_BITS - 1)) + self.step // 2), left.eq(9)]
+                m.d.sync += [phase.eq(phase.init), left.eq(9)]
                 with m.If(~level):
                     m.next = "Start"
             with m.State("Start"):

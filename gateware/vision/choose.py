@@ -1,12 +1,14 @@
 """The run of a row that counts, and the best of the others."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from magtrak.protocol import Choice
+from magtrak.protocol import Choice, Detector
+from magtrak.protocol import Window as Span
 
 from ..layouts import FrameSettings
+from ..select import Picked
 from .runs import Crossing, Run, assign
 
 
@@ -27,29 +29,43 @@ class Choose(wiring.Component):
     :func:`magtrak.reference.find_runs`. What is chosen, and what becomes of a run that another displaces, is told by
     :func:`magtrak.reference.measure`.
 
+    Parameters
+    ----------
+    window : the centroid may be that of a window; else it is the run's
+
     Members
     -------
-    settings : ``choice``, ``run_gated``, ``run_width_min`` and ``run_width_max`` are used
+    settings : ``choice``, ``run_gated``, ``run_width_min``, ``run_width_max``, and what tells the detector, are used
     valid, run : a :class:`~gateware.vision.runs.Run`, at most one in two clocks; it stands until the next
     clears : strobe, a clock before all runs are forgotten, to begin a row
     image_first : strobe: an image begins, the line has no place yet
     take : the run of the clock before is chosen now; it shows in ``chosen`` from the next clock on
     found, chosen : a run counts; the one chosen of those since then, :attr:`latency` clocks after the last
+    numerator, divisor : quotient of what was chosen that its position is made of: its centroid's distance from its last
+        column, or the crossing's share of a column; both 0 with ``BINARY``
     other_found, other : the strongest of the others
     place : ``centre`` of what was chosen when runs were forgotten last
     """
 
-    settings: In(FrameSettings)
-    valid: In(1)
-    run: In(Run())
-    clears: In(1)
-    image_first: In(1)
-    take: Out(1)
-    found: Out(1)
-    chosen: Out(Run())
-    other_found: Out(1)
-    other: Out(Rival())
-    place: Out(12)
+    def __init__(self, *, window: bool = True) -> None:
+        self.window = window
+        super().__init__(
+            {
+                "settings": In(FrameSettings),
+                "valid": In(1),
+                "run": In(Run()),
+                "clears": In(1),
+                "image_first": In(1),
+                "take": Out(1),
+                "found": Out(1),
+                "chosen": Out(Run()),
+                "numerator": Out(30),
+                "divisor": Out(20),
+                "other_found": Out(1),
+                "other": Out(Rival()),
+                "place": Out(12),
+            }
+        )
 
     latency = 2
     """Clocks from a run to the choice: compare, take."""
@@ -104,6 +120,7 @@ class Choose(wiring.Component):
             m.d.sync += [self.found.eq(0), self.other_found.eq(0)]
         with m.If(self.take):
             m.d.sync += [self.found.eq(1), *assign(best, run, Run())]
+        self._quotient(m)
         with m.If(enough & allowed & Mux(better, keeps, outdoes)):
             m.d.sync += self.other_found.eq(1)
             with m.If(better):
@@ -111,6 +128,23 @@ class Choose(wiring.Component):
             with m.Else():
                 m.d.sync += _stand(other, run)
         return m
+
+    def _quotient(self, m: Module) -> None:
+        centroid = self.settings.detector == Detector.CENTROID
+        of_run = (self.settings.centroid_window == Span.RUN) if self.window else True
+        ways = Signal(2)
+        m.d.sync += ways.eq(Cat(centroid & of_run, (self.settings.detector != Detector.BINARY) & ~(centroid & of_run)))
+        m.submodules.numerator = numerator = Picked(30, 2)
+        m.submodules.divisor = divisor = Picked(20, 2)
+        run = self.run
+        for picked, out, values in (
+            (numerator, self.numerator, (run.moment, run.crossing.rise)),
+            (divisor, self.divisor, (run.sum, run.strength)),
+        ):
+            m.d.comb += [
+                *(picked.i[n].eq(value) for n, value in enumerate(values)),
+                *(picked.which.eq(ways), picked.enable.eq(self.take | ~ways.any()), out.eq(picked.o)),
+            ]
 
 
 def _stand(other, run) -> list:

@@ -11,7 +11,6 @@ from magtrak.reference.fir import BEND, FRACTION
 
 from ..arithmetic import SerialDivider
 from ..layouts import FrameSettings, RowResult
-from ..select import one_of
 from .choose import Rival
 from .runs import Crossing, Run, assign
 from .spread import Gated
@@ -35,7 +34,8 @@ class Peak(wiring.Component):
     -------
     settings : the detector, and what cut and ambiguous depend on, are used
     ends : strobe, the row is whole in the next clock, ``end``
-    found, chosen, other_found, other, gated : what was found in it, valid with ``end``
+    found, chosen, numerator, divisor, other_found, other, gated : what was found in it, valid with ``end``; of the
+        quotients of ``gated`` and of what is chosen, one is 0
     taken : strobe: the row is measured
     window_position, window_some, window_whole : of the window that was begun at ``taken``
     o : stream of :class:`~gateware.layouts.RowResult`, always ready, :attr:`latency` clocks after ``end``
@@ -54,6 +54,8 @@ class Peak(wiring.Component):
                 "ends": In(1),
                 "found": In(1),
                 "chosen": In(Run()),
+                "numerator": In(30),
+                "divisor": In(20),
                 "other_found": In(1),
                 "other": In(Rival()),
                 "gated": In(Gated),
@@ -125,7 +127,6 @@ class Peak(wiring.Component):
         binary = Signal()
         by_run = Signal()
         by_window = Signal()
-        by_crossing = Signal()  # none of these
         maximum = Signal()
         centroid = detector == Detector.CENTROID
         of_run = (self.settings.centroid_window == Span.RUN) if self.window_latency else C(1, 1)
@@ -133,27 +134,20 @@ class Peak(wiring.Component):
             binary.eq(detector == Detector.BINARY),
             by_run.eq(centroid & of_run),
             by_window.eq(centroid & ~of_run),
-            by_crossing.eq((detector != Detector.BINARY) & ~(centroid & of_run)),
             maximum.eq(detector == Detector.MAXIMUM),
         ]
 
-        # The position's quotient: mean column of gated pixels, distance from the run's last column, or the crossing's
-        # share of a column. All fit: a mean is less than max_columns, a rise less than its contrast.
-        numerator = Signal(30)
-        divisor = Signal(20)
-        ways = Cat(binary, by_run, by_crossing)
+        # The position's quotient fits: a mean is less than max_columns, a rise less than its contrast.
         m.d.comb += [
-            numerator.eq(one_of([self.gated.columns, self.chosen.moment, self.chosen.crossing.rise], ways)),
-            divisor.eq(one_of([self.gated.total, self.chosen.sum, self.chosen.strength], ways)),
             position.start.eq(self.taken),
-            position.dividend.eq(numerator << FRACTION_BITS),
-            position.divisor.eq(divisor),
+            position.dividend.eq((self.numerator | self.gated.numerator) << FRACTION_BITS),
+            position.divisor.eq(self.divisor | self.gated.divisor),
         ]
         # The runner-up: chosen, compared, placed.
         rival = Rival().create(path=("rival",))
         rivals = Signal()
         as_strong = Signal()
-        ratio = Signal(8)
+        ratio = Signal(8, init=255)
         with m.If(steps[0]):
             m.d.sync += rivals.eq(own | other_found)
             with m.If(own):

@@ -226,7 +226,7 @@ class Runs(wiring.Component):
         high = Signal(12, reset_less=True)
         swept = Signal(30, reset_less=True)  # the moment about the present column
         middle = Signal(13, reset_less=True)  # in halves
-        # How far they stand from the place, and on which side of it: short by one where before it. A run ends at the
+        # How far they stand behind the place, modulo 4096, and whether they stand before it. A run ends at the
         # earliest two clocks after its last lit column was added, so the middle has been still for a clock by then.
         middle_away = Signal(12, reset_less=True)
         centre_away = Signal(12, reset_less=True)
@@ -235,7 +235,7 @@ class Runs(wiring.Component):
 
         def beyond_place(column, away, short):
             beyond = (column - self.place)[:13]
-            return [away.eq(beyond[:12] ^ beyond[12].replicate(12)), short.eq(beyond[12])]
+            return [away.eq(beyond[:12]), short.eq(beyond[12])]
 
         moment = Signal(30)
         m.d.comb += moment.eq(swept + run.sum)
@@ -316,7 +316,7 @@ class Runs(wiring.Component):
                 self.o.strength.eq(Mux(binary, run.sum, Mux(between, 0, greatest))),
                 self.o.crossing.halves.eq(Mux(between, middle, run.crossing.halves)),
                 self.o.centre.eq(Mux(between, middle >> 1, run.centre)),
-                self.o.away.eq((Cat(short, Mux(between, middle_away, centre_away)) + short)[1:]),
+                self.o.away.eq((Mux(between, middle_away, centre_away) ^ short.replicate(12)) + short),
                 self.o.second_found.eq(run.second_found & ~between),
             ]
         return m

@@ -1,15 +1,19 @@
 """The gated pixels of a row, runs or not: what the paper's own detector measures."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from magtrak.protocol import Detector
+
+from ..layouts import FrameSettings
 from .lookahead import Column
 
 
 class Gated(data.Struct):
-    """Gated pixels of a row: how many, the sum of their columns, the last and the one before the first (modulo 4096),
-    whether first and last lie at the border of the image or of the region; and what ends with the row.
+    """Gated pixels of a row: how many, the last and the one before the first (modulo 4096), whether first and last lie
+    at the border of the image or of the region; what ends with the row; and the quotient that is their mean column,
+    the sum of columns by how many, if the detector is ``BINARY``, else both 0.
 
     2048 columns: the sum is at most 2047 * 1024 < 2**21.
     """
@@ -18,7 +22,8 @@ class Gated(data.Struct):
     last_column: 12
     fault: 1
     total: 12
-    columns: 21
+    numerator: 21
+    divisor: 12
     before: 12
     last: 12
     first_touches: 1
@@ -30,6 +35,7 @@ class Spread(wiring.Component):
 
     Members
     -------
+    settings : ``detector`` is used
     column : stream of :class:`~gateware.vision.lookahead.Column`, always ready
     before, left_edge, right_edge : of that column, from :class:`~gateware.vision.lookahead.Lookahead`
     o : stream of :class:`Gated`, always ready, one per row, :attr:`latency` clocks after its last column; until the
@@ -38,6 +44,7 @@ class Spread(wiring.Component):
     Two clocks without a column follow each row.
     """
 
+    settings: In(FrameSettings)
     column: In(stream.Signature(Column, always_ready=True))
     before: In(12)
     left_edge: In(1)
@@ -58,6 +65,7 @@ class Spread(wiring.Component):
         first_touches = Signal(reset_less=True)
         last_touches = Signal(reset_less=True)
         over = Signal()
+        binary = Signal()
         # A register before the sums: what they take comes from afar.
         gated = Signal()
         column = Signal(12, reset_less=True)
@@ -73,6 +81,7 @@ class Spread(wiring.Component):
             right_edge.eq(self.right_edge),
             ends.eq(self.column.valid & i.row_last),
             over.eq(ends),
+            binary.eq(self.settings.detector == Detector.BINARY),
             self.o.valid.eq(over),
         ]
         with m.If(self.column.valid):
@@ -94,7 +103,8 @@ class Spread(wiring.Component):
         with m.If(over):
             m.d.sync += [
                 o.total.eq(total),
-                o.columns.eq(columns),
+                o.numerator.eq(Mux(binary, columns, 0)),
+                o.divisor.eq(Mux(binary, total, 0)),
                 o.before.eq(before),
                 o.last.eq(last),
                 o.first_touches.eq(first_touches),

@@ -98,11 +98,11 @@ class Vision(wiring.Component):
         m.submodules.lookahead = lookahead = Lookahead()
         m.submodules.fir = fir = Fir()
         m.submodules.runs = runs = Runs()
-        m.submodules.choose = choose = Choose()
+        m.submodules.choose = choose = Choose(window=features.window)
         m.submodules.spread = spread = Spread()
         m.submodules.peak = peak = self._peak
 
-        for block in (pixels, lookahead, runs, choose, peak):
+        for block in (pixels, lookahead, runs, choose, spread, peak):
             m.d.comb += block.settings.eq(self.settings)
         wiring.connect(m, monitor.video, wiring.flipped(self.video))
         wiring.connect(m, pixels.lut, wiring.flipped(self.lut))
@@ -154,6 +154,8 @@ class Vision(wiring.Component):
             runs.place.eq(choose.place),
             peak.ends.eq(row_ends[-2]),
             peak.found.eq(choose.found),
+            peak.numerator.eq(choose.numerator),
+            peak.divisor.eq(choose.divisor),
             peak.other_found.eq(choose.other_found),
             peak.gated.eq(spread.o.p),
         ]

@@ -220,13 +220,12 @@ class Window(wiring.Component):
 
         # Step READ + SUM is the first in which the sums of a word are here.
         adding = Signal()
-        first = step[self.READ + self.SUM - 1]
         m.d.comb += adding.eq(step[self.READ + self.SUM - 1 : self.READ + self.SUM - 1 + WORDS].any())
         total_sum = Signal(14, reset_less=True)  # 63 * 255 < 2**14
         moments = Signal(17, reset_less=True)  # within words: 9 * (0 + ... + 7) * 255 < 2**17
         steps = Signal(17, reset_less=True)  # over words: (1 + ... + 8) * 8 * 255 < 2**17
-        with m.If(first):
-            m.d.sync += [total_sum.eq(total), moments.eq(moment), steps.eq(0)]
+        with m.If(step[self.READ + self.SUM - 2]):
+            m.d.sync += [total_sum.eq(0), moments.eq(0), steps.eq(0)]
         with m.Elif(adding):
             m.d.sync += [total_sum.eq(total_sum + total), moments.eq(moments + moment), steps.eq(steps + total_sum)]
         m.d.comb += [

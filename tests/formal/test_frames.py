@@ -117,7 +117,8 @@ class FramesAreWhole(wiring.Component):
         claiming, sending, accepted, into = buffer["claiming"], rows.bank, rows.accepted, rows.into
         begun_ago = rows.frame_first
         waiting, row, last, due, bare, hot = (rows[name] for name in ("waiting", "row", "last", "due", "bare", "hot"))
-        lined, lineless = rows["chosen"].any(), rows["empty"].any()  # which of the two the word is that is written
+        lined, lineless = Signal(), Signal()  # which of the two the word is that is written
+        m.d.sync += [lined.eq(hot.any()), lineless.eq(rows["fills"])]
         accepted0, bank0, accepted1, bank1 = Value.cast(rows["queue"])
         writes, address = rows["write__en"], rows["write__addr"]
         low, wide = (self.max_rows - 1).bit_length(), self.word_bits

@@ -192,7 +192,7 @@ class SpreadDoesNotOverflow(RowsOfTheStatedSize):
         low, high = done[:6], done[6:]
         triangle = Signal(22)
         m.d.comb += triangle.eq((_pairs(high) << 12) + high * (64 * 63 // 2) + _pairs(low) + ((high * low) << 6))
-        assert 1 << len(dut.o.p.columns) > COLUMNS * (COLUMNS - 1) // 2
+        assert 1 << len(dut.o.p.numerator) > COLUMNS * (COLUMNS - 1) // 2
         m.d.comb += [
             Assert(done <= COLUMNS),
             Assert((column == 0) | (done == column)),

