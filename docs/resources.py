@@ -71,8 +71,8 @@ limited by the moment of `Window`, which since then has one row of carries less.
 restore: the sign of what is left decides whether the next step adds or subtracts, in the LUTs of the carries
 themselves (`gateware.arithmetic.AddSubtract`). Rows of the table above are from before.
 
-Each carry chain takes four cells beside its bits here, so that few long ones are less than many short ones; on boards one at
-most (`boards/ecp5_carries.v`).
+Each carry chain takes four cells beside its bits here, so that few long ones are less than many short ones;
+on boards one at most (`boards/ecp5_carries.v`).
 """
 
 FRAMES = """## Frames, registers and link
