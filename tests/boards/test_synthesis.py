@@ -111,3 +111,18 @@ def test_picked_on_an_ecp5_is_what_it_is_elsewhere(enabled: bool):
     simulator.add_clock(1e-6)
     simulator.add_testbench(bench)
     simulator.run()
+
+
+def test_a_chain_keeps_a_carry_that_is_not_its_own(tmp_path: Path):
+    """As is left of a chain whose first slots made a carry that is constant, and were taken away."""
+    pins = ", ".join(f".{pin}{n}(i[{k}])" for n in range(2) for k, pin in enumerate("ABCD"))
+    cell = 'CCU2C #(.INIT0(16\'h{init}), .INIT1(16\'h96AA), .INJECT1_0("NO"), .INJECT1_1("NO"))'
+    cells = "".join(
+        f"{cell.format(init=init)} c{init}(.CIN(1'b0), {pins}, .S1(o[{2 * n}]), .COUT(o[{2 * n + 1}]));\n"
+        for n, init in enumerate(("000A", "96AA"))
+    )
+    (tmp_path / "top.v").write_text(f"module top(input [3:0] i, output [3:0] o);\n{cells}endmodule\n")
+    steps = ["read_verilog -lib +/ecp5/cells_sim.v", "read_verilog top.v"]
+    yosys(tmp_path, "\n".join([*steps, "".join(ENDS), "select top", "write_json -selected top.json"]))
+    made = json.loads((tmp_path / "top.json").read_text())["modules"]["top"]["cells"]
+    assert {name: cell["connections"]["CIN"] for name, cell in made.items()} == {"c000A": ["x"], "c96AA": ["0"]}
