@@ -40,6 +40,11 @@ carries nobody looks at and which begin a chain.
 A cell that is both first and last keeps its carry, and the two cells that this costs."""
 
 
+def script(family: str) -> str:
+    """What makes a netlist of a design that has been read, whose module is ``top``: as a board's build has it."""
+    return f"{BEFORE[family]}\nsynth_{family} {OPTIONS[family]} -top top\n{AFTER[family]}\n"
+
+
 def files(family: str) -> dict[str, str]:
     """Files that the scripts read, by name. They are no ``.v``, which a platform would take for part of the card."""
     return {name.replace(".v", ".map"): (_HERE / name).read_text() for name in FILES[family]}

