@@ -27,16 +27,18 @@ test: setup ## all checks and tests
 	$(BIN)/python -c 'from sim.core import library; library()' # compiled now, for tests have time limits
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
-bitstream: setup ## the bitstream of BOARD=name (LINK=uart or usb, SOURCE=, SERIAL=hex): build/name/top.bit
-	@$(BIN)/python -m boards.build "$(BOARD)" --link "$(LINK)" --source "$(or $(SOURCE),pattern)" --serial "$(or $(SERIAL),1)"
+BUILD_OF = "$(BOARD)" --link "$(LINK)" --source "$(or $(SOURCE),pattern)" $(if $(LEAN),--lean)
+
+bitstream: setup ## the bitstream of BOARD=name (LINK=uart or usb, SOURCE=, LEAN=1, SERIAL=hex): build/name/top.bit
+	@$(BIN)/python -m boards.build $(BUILD_OF) --serial "$(or $(SERIAL),1)"
 
 program: bitstream ## load it into BOARD=name
-	@$(BIN)/python -m boards.program "$(BOARD)" --link "$(LINK)"
+	@$(BIN)/python -m boards.program $(BUILD_OF)
 
 boards: setup ## the bitstreams of all boards, and the table in docs/boards/README.md
 	@$(BIN)/python -m boards.table
 
-netlist: setup ## Yosys's netlist of a small card, simulated beside what was written; a few minutes
+netlist: setup ## Yosys's netlists of two cards, simulated beside what was written; a quarter of an hour
 	$(BIN)/python -m pytest tests/boards/netlist.py
 
 fuzz: setup ## fuzz for some ten minutes: a million damaged packets, a minute for each reader of files and bytes

@@ -1,7 +1,7 @@
 """What every board shares: its clocks, its links, its source of images, and how Yosys and nextpnr are called."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from amaranth.build import Platform
 from amaranth.hdl import ClockDomain, DomainRenamer, Elaboratable, Module
@@ -51,11 +51,6 @@ def _pattern(board: "Board") -> Source:
 PIXEL_HZ = {"pattern-1080p": 150_000_000}
 """Sources whose pixels have a clock of their own, the domain ``pixel``. 1080p60 has 148.5 MHz, which the PLL cannot
 make of the boards' oscillators: this is one percent more."""
-
-
-SEEDS = {"pattern-1080p": 2}
-"""The seed of nextpnr for sources whose clock is met with it; it is 1 for the others. ``docs/pixel-clock.md`` has what
-more seeds reach."""
 
 
 def _pattern_1080p(board: "Board") -> Source:
@@ -128,6 +123,11 @@ class Board:
         pixel_domain = "pixel" if pixel_hz else "sync"
         own = {"clock_hz": self.sync_hz, "serial": serial, "pixel_domain": pixel_domain, "features": self.features}
         return Top(clocks, Card(SOURCES[source](self), made, **own))
+
+    def lean(self) -> "Board":
+        """The same board with a card of all detectors and no more: without :data:`LEFT_OUT`."""
+        features = replace(self.features, **dict.fromkeys(LEFT_OUT, False))
+        return replace(self, name=f"{self.name}-lean", features=features)
 
     def open(self, seed: int = 1) -> Platform:
         """The platform with what is wired to it, for one build, whose placement begins from ``seed``."""

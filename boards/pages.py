@@ -4,8 +4,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
-from gateware.features import Features
-
 from . import ecpix5, icebreaker, icepi_zero, orangecrab, ulx3s
 from .board import ROWS_1024, Board
 from .wiring import INVERTED, ROLES
@@ -56,7 +54,7 @@ def page(module: ModuleType) -> str:
         "",
         first.about,
         "",
-        *_built(first.features),
+        *_built(boards),
         "## Links",
         "",
         "| `LINK=` | where |",
@@ -84,21 +82,24 @@ def page(module: ModuleType) -> str:
     return "\n".join(lines)
 
 
-def _built(features: Features) -> list[str]:
-    """What a card is built with, where that is not everything."""
-    if features == ROWS_1024:
-        return []
-    without = [what for name, what in _PARTS.items() if not getattr(features, name)]
-    return [
-        "## Built with",
-        "",
-        f"Images of up to {features.max_columns} x {features.compact_rows} px. Without:",
-        "",
-        *(f"- {what}" for what in without),
-        "",
-        "Settings that need one of these are refused, and `magtrak info` tells what the card has.",
-        "",
-    ]
+def _built(boards: list[Board]) -> list[str]:
+    """What each board's card is built with, where that is not everything."""
+    lines = []
+    for board in boards:
+        features = board.features
+        if features == ROWS_1024:
+            continue
+        sizes = f"images of up to {features.max_columns} x {features.compact_rows} px"
+        if features.full_rows:
+            sizes += f", {features.max_rows} rows in the full form"
+        if features.background_cells:
+            sizes += f"; the light of the room in {features.background_cells} blocks"
+        lines += [f"`{board.name}`: {sizes}.", ""]
+        without = [what for name, what in _PARTS.items() if not getattr(features, name)]
+        if without:
+            lines += ["Without:", "", *(f"- {what}" for what in without), ""]
+            lines += ["Settings that need one of these are refused, and `magtrak info` tells what the card has.", ""]
+    return ["## Built with", "", *lines] if lines else []
 
 
 def rows(board: Board) -> Iterator[str]:

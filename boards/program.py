@@ -1,4 +1,7 @@
-"""Loads a board's bitstream: ``python -m boards.program BOARD [--link uart|usb]``, through openFPGALoader."""
+"""Loads a board's bitstream, through openFPGALoader.
+
+``python -m boards.program BOARD [--link uart|usb] [--source pattern] [--lean]``
+"""
 
 import subprocess
 import sys
@@ -15,7 +18,7 @@ _LOADER = Path(sys.executable).with_name("openfpgaloader-cli")
 _LIBRARIES = "libusb-1.0, libftdi1 (Debian and Ubuntu: apt install libusb-1.0-0 libftdi1-2)"
 
 
-def bitstream(board: Board, link: str | None) -> Path:
+def bitstream(board: Board, link: str | None, source: str = "pattern") -> Path:
     """The file to load.
 
     Raises
@@ -23,14 +26,16 @@ def bitstream(board: Board, link: str | None) -> Path:
     BoardError
         It was not built.
     """
-    place = folder(board, link)
+    place = folder(board, link, source)
     for file in (place / "top.dfu", place / UNITS[board.family].bitstream):
         if file.exists() and (place / "result.json").exists():
             return file
-    raise BoardError(f"{board.name} has no bitstream in {place}: run 'make bitstream BOARD={board.name}' first")
+    raise BoardError(
+        f"{board.name} has no bitstream in {place}: run 'make bitstream' first, of the same BOARD, LINK, SOURCE"
+    )
 
 
-def program(board: Board, link: str | None, loader: Path = _LOADER) -> None:
+def program(board: Board, link: str | None, source: str = "pattern", loader: Path = _LOADER) -> None:
     """Load it: into the FPGA's memory where the board allows that, else into its flash.
 
     Raises
@@ -38,7 +43,7 @@ def program(board: Board, link: str | None, loader: Path = _LOADER) -> None:
     BoardError
         There is no bitstream, or openFPGALoader cannot load it; with what it said.
     """
-    file = bitstream(board, link)
+    file = bitstream(board, link, source)
     if not loader.exists():
         raise BoardError(f"{loader} is missing: run 'make setup'")
     done = subprocess.run(
@@ -56,10 +61,12 @@ def program(board: Board, link: str | None, loader: Path = _LOADER) -> None:
 @click.command()
 @click.argument("name", metavar="BOARD", default="")
 @click.option("--link", metavar="uart|usb", default="", help="The build to load; by default that of the first link.")
-def main(name: str, link: str) -> None:
+@click.option("--source", metavar="NAME", default="pattern", show_default=True, help="Where its images come from.")
+@click.option("--lean", "is_lean", is_flag=True, help="The build with fewer cells.")
+def main(name: str, link: str, source: str, is_lean: bool) -> None:
     """Load the bitstream of BOARD, which was built before."""
     try:
-        program(find(name), link or None)
+        program(find(name).lean() if is_lean else find(name), link or None, source)
     except BoardError as error:
         raise SystemExit(f"error: {error}") from None
 

@@ -42,6 +42,15 @@ def adder_tree(terms: list, register):
     return terms[0]
 
 
+def below(a: Value, b: Value) -> Value:
+    """Whether ``a < b``, both unsigned, by the carries of a difference.
+
+    Boards have Yosys make comparisons of LUTs, which saves cells where words are short; of 20 bits it is six LUTs one
+    behind the other.
+    """
+    return (a - b)[-1]
+
+
 def sums(m: Module, pairs: list, bits: int, name: str) -> list:
     """``a + b`` of each pair of unsigned numbers, one bit more than ``bits``, in one row of carries.
 

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from magtrak.protocol import Choice, Detector
 from magtrak.protocol import Window as Span
 
+from ..arithmetic import below
 from ..layouts import FrameSettings
 from ..select import Picked
 from .runs import Crossing, Run, assign
@@ -106,10 +107,12 @@ class Choose(wiring.Component):
             by_strength.eq((choice == Choice.STRONGEST) | ((choice == Choice.NEAREST) & ~placed)),
             enough.eq((run.gated >= self.settings.run_gated) & self.valid & ~self.clears),
             allowed.eq((run.width >= self.settings.run_width_min) & (run.width <= self.settings.run_width_max)),
-            measured_better.eq((by_strength & (run.strength > best.strength)) | (by_width & (run.width > best.width))),
+            measured_better.eq(
+                (by_strength & below(best.strength, run.strength)) | (by_width & (run.width > best.width))
+            ),
             placed_better.eq((by_place & (run.away < best.away)) | always | ~self.found | clear),
-            outdoes.eq(~self.other_found | (run.strength > other.strength)),
-            keeps.eq((~self.other_found | (best.strength >= other.strength)) & self.found & ~clear),
+            outdoes.eq(~self.other_found | below(other.strength, run.strength)),
+            keeps.eq((~self.other_found | ~below(best.strength, other.strength)) & self.found & ~clear),
         ]
         better = Signal()
         m.d.comb += [

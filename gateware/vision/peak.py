@@ -9,7 +9,7 @@ from magtrak.protocol import Window as Span
 from magtrak.reference import measure
 from magtrak.reference.fir import BEND, FRACTION
 
-from ..arithmetic import SerialDivider
+from ..arithmetic import SerialDivider, below
 from ..layouts import FrameSettings, RowResult
 from .choose import Rival
 from .runs import Crossing, Run, assign
@@ -117,7 +117,7 @@ class Peak(wiring.Component):
                 other_found.eq(self.found & self.other_found),
                 own.eq(
                     self.chosen.second_found
-                    & (~self.other_found | (self.chosen.second_contrast >= self.other.strength))
+                    & (~self.other_found | ~below(self.chosen.second_contrast, self.other.strength))
                 ),
                 *assign(run, self.chosen, Run()),
                 *assign(other, self.other, Rival()),
@@ -159,7 +159,7 @@ class Peak(wiring.Component):
             with m.Else():
                 m.d.sync += assign(rival, other, Rival())
         with m.If(steps[1]):
-            m.d.sync += as_strong.eq(rival.strength >= run.strength)
+            m.d.sync += as_strong.eq(~below(rival.strength, run.strength))
         compared = steps[1 + rival_divider.latency]
         with m.If(compared):
             m.d.sync += ratio.eq(Mux(as_strong, 255, rival_divider.quotient >> 1))

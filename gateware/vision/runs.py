@@ -10,6 +10,7 @@ from magtrak.protocol import Detector
 from magtrak.reference import find_runs
 from magtrak.reference.fir import CONTRAST_MAX, DERIVATIVE_MAX
 
+from ..arithmetic import below
 from ..layouts import FrameSettings
 from .lookahead import Column
 
@@ -216,8 +217,8 @@ class Runs(wiring.Component):
                 over.eq(self.near_first | self.near_last),
                 coloured.eq(near >= self.settings.run_gated),
                 # Crossings are at least two columns apart, so the one before has been taken by now.
-                better.eq(self.contrast > greatest),
-                second.eq(self.contrast > run.second_contrast),
+                better.eq(below(greatest, self.contrast)),
+                second.eq(below(run.second_contrast, self.contrast)),
             ]
 
         # 2: add up

@@ -1,4 +1,4 @@
-"""What Yosys made of a card does, clock by clock, what was written: a small one for an iCE40, one of all for an ECP5."""
+"""What Yosys made of a card does, clock by clock, what was written: a small card for an iCE40, all for an ECP5."""
 
 from pathlib import Path
 

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+import boards.build
 from boards import program, table
-from boards.build import UNITS, Result, _crossings, _plain, build, check, folder, summary
+from boards.build import TRIES, UNITS, Result, _crossings, _plain, build, check, folder, summary
 from boards.catalogue import BOARDS
 from boards.dfu import suffixed
 from boards.errors import BoardError
@@ -36,6 +37,35 @@ def test_a_clock_that_is_too_slow_fails_in_one_sentence():
     result = Result("", 1.0, {}, {}, {"sync": 51.24, "camera": 80.0}, {"sync": 60.0, "camera": 50.0})
     with pytest.raises(BoardError, match=r"ulx3s-12f does not meet its timing: sync reaches 51\.2 of 60 MHz; report"):
         check(BOARD, result)
+
+
+@pytest.mark.parametrize(("enough", "seeds"), [(1, [1]), (3, [1, 2, 3]), (9, [1, 2, 3, 4, 5])])
+def test_a_placement_that_is_too_slow_begins_anew(tmp_path: Path, monkeypatch, enough: int, seeds: list[int]):
+    """The tools are not run: from seed ``enough`` on the clock is met."""
+    tried = []
+
+    class Plan:
+        def digest(self, size: int) -> bytes:
+            return bytes(size)
+
+        def extract(self, place: Path) -> None:
+            pass
+
+    def plan(board, link, source, serial, seed=None):
+        tried.append(seed)
+        return Plan()
+
+    def read(place: Path, digest: str, seconds: float, seed: int) -> Result:
+        return Result(digest, seconds, {}, {}, {"sync": 61.0 if seed >= enough else 59.0}, {"sync": 60.0}, {}, seed)
+
+    for name, replacement in (("BUILD", tmp_path), ("plan", plan), ("_run", lambda *_: None), ("_read", read)):
+        monkeypatch.setattr(boards.build, name, replacement)
+    result = build(BOARD)
+    assert tried == [None, *seeds]
+    assert result.seed == seeds[-1]
+    assert bool(result.missed) == (enough > TRIES)
+    assert build(BOARD) == result
+    assert tried[len(seeds) + 1 :] == [None]
 
 
 def test_what_crosses_too_slowly_fails_too():
@@ -67,8 +97,8 @@ def test_clocks_have_plain_names(net, name):
 
 
 def test_a_loader_that_fails_is_told_in_one_sentence(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("boards.program.folder", lambda board, link: tmp_path)
-    with pytest.raises(BoardError, match="run 'make bitstream BOARD=ulx3s-12f' first"):
+    monkeypatch.setattr("boards.program.folder", lambda board, link, source: tmp_path)
+    with pytest.raises(BoardError, match="run 'make bitstream' first"):
         program.program(BOARD, None)
     (tmp_path / "top.bit").write_bytes(b"bits")
     (tmp_path / "result.json").write_text("{}")
@@ -82,10 +112,10 @@ def test_a_loader_that_fails_is_told_in_one_sentence(tmp_path: Path, monkeypatch
         loader.write_text(f"#!/bin/sh\n{script}\n")
         loader.chmod(loader.stat().st_mode | stat.S_IXUSR)
         if text is None:
-            program.program(BOARD, None, loader)
+            program.program(BOARD, None, loader=loader)
         else:
             with pytest.raises(BoardError, match=text):
-                program.program(BOARD, None, loader)
+                program.program(BOARD, None, loader=loader)
 
 
 def test_the_dfu_suffix_is_that_of_the_standard():
