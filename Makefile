@@ -27,9 +27,9 @@ test: setup ## all checks and tests
 	$(BIN)/python -c 'from sim.core import library; library()' # compiled now, for tests have time limits
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
-BUILD_OF = "$(BOARD)" --link "$(LINK)" --source "$(or $(SOURCE),pattern)" $(if $(LEAN),--lean)
+BUILD_OF = "$(BOARD)" --link "$(LINK)" --source "$(or $(SOURCE),pattern)"
 
-bitstream: setup ## the bitstream of BOARD=name (LINK=uart or usb, SOURCE=, LEAN=1, SERIAL=hex): build/name/top.bit
+bitstream: setup ## the bitstream of BOARD=name (LINK=uart or usb, SOURCE=, SERIAL=hex): build/name/top.bit
 	@$(BIN)/python -m boards.build $(BUILD_OF) --serial "$(or $(SERIAL),1)"
 
 program: bitstream ## load it into BOARD=name

@@ -30,6 +30,9 @@ IMAGES_HZ = 60
 ROWS_1024 = Features(max_rows=1024)
 """Everything, for images of up to 1024 rows."""
 
+LEAN = "-lean"
+"""Behind a board's name: with a lean card."""
+
 LEFT_OUT = ("speed_loop", "snapshot", "edge_log", "turn_check", "notes", "pwm_period", "full_rows")
 """Of :class:`~gateware.features.Features`, what a lean card is built without."""
 
@@ -127,7 +130,7 @@ class Board:
     def lean(self) -> "Board":
         """The same board with a card of all detectors and no more: without :data:`LEFT_OUT`."""
         features = replace(self.features, **dict.fromkeys(LEFT_OUT, False))
-        return replace(self, name=f"{self.name}-lean", features=features)
+        return replace(self, name=f"{self.name}{LEAN}", features=features)
 
     def open(self, seed: int = 1) -> Platform:
         """The platform with what is wired to it, for one build, whose placement begins from ``seed``."""

@@ -1,4 +1,4 @@
-"""Builds a board's bitstream. ``python -m boards.build BOARD [--link uart|usb] [--source pattern] [--lean]``
+"""Builds a board's bitstream. ``python -m boards.build BOARD [--link uart|usb] [--source pattern]``
 
 Leaves in ``build/BOARD``, or ``build/BOARD-LINK`` for another link than the default, ``top.bit`` (``top.bin`` for an
 iCE40), nextpnr's ``report.json``, the tools' reports ``top.rpt`` and ``top.tim``, and ``result.json``. What was built
@@ -253,16 +253,15 @@ def summary(board: Board, result: Result) -> str:
 @click.argument("name", metavar="BOARD", default="")
 @click.option("--link", metavar="uart|usb", default="", help="By default the board's first.")
 @click.option("--source", metavar="NAME", default="pattern", show_default=True, help="Where the images come from.")
-@click.option("--lean", "is_lean", is_flag=True, help="All detectors, and little else: fewer cells.")
 @click.option("--serial", metavar="HEX", default="1", show_default=True, help="Serial number of the card.")
-def main(name: str, link: str, source: str, is_lean: bool, serial: str) -> None:
+def main(name: str, link: str, source: str, serial: str) -> None:
     """Build the bitstream of BOARD."""
     warnings.simplefilter("ignore", UnusedElaboratable)  # what a small card leaves out
     try:
         number = int(serial, 16) if re.fullmatch("[0-9A-Fa-f]{1,16}", serial) else None
         if number is None:
             raise BoardError(f"--serial {serial} has to be a hexadecimal number of up to 16 digits")
-        board = find(name).lean() if is_lean else find(name)
+        board = find(name)
         result = build(board, link or None, source, number)
         click.echo(summary(board, result))
         check(board, result)

@@ -1,7 +1,7 @@
 """All boards by name."""
 
 from . import ecpix5, icebreaker, icepi_zero, orangecrab, ulx3s
-from .board import Board
+from .board import LEAN, Board
 from .errors import BoardError
 
 BOARDS: dict[str, Board] = {
@@ -11,14 +11,15 @@ BOARDS: dict[str, Board] = {
 
 
 def find(name: str) -> Board:
-    """The board of that name.
+    """The board of that name; with ``-lean`` behind it, with a lean card.
 
     Raises
     ------
     BoardError
         There is none; names those that there are.
     """
-    if name not in BOARDS:
+    plain = name.removesuffix(LEAN)
+    if plain not in BOARDS:
         said = f"there is no board {name!r}" if name else "BOARD=name is missing"
-        raise BoardError(f"{said}; the boards are: {', '.join(BOARDS)}")
-    return BOARDS[name]
+        raise BoardError(f"{said}; the boards are: {', '.join(BOARDS)}; each with {LEAN} behind it takes fewer cells")
+    return BOARDS[plain] if plain == name else BOARDS[plain].lean()

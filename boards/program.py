@@ -1,6 +1,6 @@
 """Loads a board's bitstream, through openFPGALoader.
 
-``python -m boards.program BOARD [--link uart|usb] [--source pattern] [--lean]``
+``python -m boards.program BOARD [--link uart|usb] [--source pattern]``
 """
 
 import subprocess
@@ -62,11 +62,10 @@ def program(board: Board, link: str | None, source: str = "pattern", loader: Pat
 @click.argument("name", metavar="BOARD", default="")
 @click.option("--link", metavar="uart|usb", default="", help="The build to load; by default that of the first link.")
 @click.option("--source", metavar="NAME", default="pattern", show_default=True, help="Where its images come from.")
-@click.option("--lean", "is_lean", is_flag=True, help="The build with fewer cells.")
-def main(name: str, link: str, source: str, is_lean: bool) -> None:
+def main(name: str, link: str, source: str) -> None:
     """Load the bitstream of BOARD, which was built before."""
     try:
-        program(find(name).lean() if is_lean else find(name), link or None, source)
+        program(find(name), link or None, source)
     except BoardError as error:
         raise SystemExit(f"error: {error}") from None
 

@@ -1,6 +1,7 @@
 """The board files: complete, right as far as the tools know the chips, and buildable."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -142,6 +143,15 @@ def test_clocks_that_cannot_be_are_refused():
         ecp5_dividers(25e6, 70e6)
     with pytest.raises(ClockError, match="no clock of 25 MHz from 12 MHz"):
         ice40_dividers(12e6, 25e6)
+
+
+def test_a_lean_board_is_the_board_with_less():
+    lean, whole = find("ulx3s-12f-lean"), BOARDS["ulx3s-12f"]
+    assert (lean.name, lean.wiring, lean.links) == ("ulx3s-12f-lean", whole.wiring, whole.links)
+    lacking = {name for name, built in asdict(whole.features).items() if built and not getattr(lean.features, name)}
+    assert lacking == set(shared.LEFT_OUT)
+    with pytest.raises(BoardError, match="there is no board 'lean-lean'"):
+        find("lean-lean")
 
 
 def test_an_unknown_board_link_or_source_is_named_beside_what_there_is():

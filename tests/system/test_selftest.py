@@ -94,6 +94,17 @@ def test_a_small_card_passes_and_tells_what_it_is_built_without(tmp_path: Path) 
     assert "measurement of grey values" in info.stdout
 
 
+def test_a_lean_card_passes(tmp_path: Path) -> None:
+    """All detectors; what it lacks is said."""
+    with virtual_card(tmp_path / "card", "--pattern", "--board", "ulx3s-12f-lean", "--pace", "real"):
+        done = run("magtrak", "self-test", "--port", tmp_path / "card", "--loop-back")
+        info = run("magtrak", "info", "--port", tmp_path / "card")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1].startswith(f"{len(CHECKS) - 1} ok, 2 not tried")
+    assert "rows by binary, fir, centroid of the run, centroid in a window, maximum: 0.0000 px" in done.stdout
+    assert "without speed loop, snapshots, log of encoder edges, full form of rows, check of every turn" in info.stdout
+
+
 def test_what_is_not_wired_is_not_tried(card: Card) -> None:
     with Bench(card, Options(camera=True)) as bench:
         for check in (pattern.positions, tables.effect):
