@@ -32,7 +32,7 @@ BUILD_OF = "$(BOARD)" --link "$(LINK)" --source "$(or $(SOURCE),pattern)"
 bitstream: setup ## the bitstream of BOARD=name (LINK=uart or usb, SOURCE=, SERIAL=hex): build/name/top.bit
 	@$(BIN)/python -m boards.build $(BUILD_OF) --serial "$(or $(SERIAL),1)"
 
-program: bitstream ## load it into BOARD=name
+program: bitstream ## load it into BOARD=name, with the same LINK=, SOURCE=, SERIAL=
 	@$(BIN)/python -m boards.program $(BUILD_OF)
 
 boards: setup ## the bitstreams of all boards, and the table in docs/boards/README.md

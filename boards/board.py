@@ -57,8 +57,8 @@ make of the boards' oscillators: this is one percent more."""
 
 
 def _pattern_1080p(board: "Board") -> Source:
-    """As many rows of it as the board stores."""
-    rows = min(1080, board.features.max_rows)
+    """As many rows of it as the board stores in the form that its card begins with."""
+    rows = min(1080, board.features.max_rows if board.features.full_rows else board.features.compact_rows)
     period = PIXEL_HZ["pattern-1080p"] // IMAGES_HZ
     return DomainRenamer("pixel")(Pattern(1920, rows, period=period))
 

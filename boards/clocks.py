@@ -13,6 +13,8 @@ from amaranth.hdl import ClockDomain, ClockSignal, Const, Elaboratable, Instance
 from amaranth.lib import io
 from amaranth.lib.cdc import ResetSynchronizer
 
+from .errors import BoardError
+
 _VCO_HZ = 480_000_000
 _PIXEL_VCO_HZ = 600_000_000
 _ECP5_OTHERS_HZ = {"usb_io": 48_000_000, "usb": 12_000_000, "xclk": 24_000_000}
@@ -20,7 +22,7 @@ _ICE40_SETTLES_S = 15e-6
 """Block RAMs of an iCE40 read as zero for some 3 us after configuration (IceStorm's issue 76)."""
 
 
-class ClockError(ValueError):
+class ClockError(BoardError):
     """The PLL cannot make the clock that a board asks for."""
 
 

@@ -77,7 +77,7 @@ class Ecp5:
 
     def get_picked(self, picked: Picked) -> Module:
         """A register for each value, whose reset takes it away where it is not the one: the AND takes no LUT, the OR a
-        third of one for each bit, and both together two thirds.
+        third of one for each bit.
         """
         m = Module()
         parts = [Signal(picked.bits, name=f"part{n}", reset_less=True) for n in range(picked.count)]

@@ -4,12 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
-from . import ecpix5, icebreaker, icepi_zero, orangecrab, ulx3s
 from .board import ROWS_1024, Board
+from .catalogue import MODULES
 from .wiring import INVERTED, ROLES
 
 PAGES = Path(__file__).resolve().parent.parent / "docs" / "boards"
-MODULES: tuple[ModuleType, ...] = (ulx3s, ecpix5, orangecrab, icepi_zero, icebreaker)
 
 _PARTS = {
     "runs": "runs of grey values: the one detector is `binary`, the paper's mean column of the gated pixels"

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from .board import Board
-from .build import UNITS, folder
+from .build import UNITS, check, folder, kept, known
 from .catalogue import find
 from .errors import BoardError
 
@@ -24,14 +24,17 @@ def bitstream(board: Board, link: str | None, source: str = "pattern") -> Path:
     Raises
     ------
     BoardError
-        It was not built.
+        It was not built, or does not meet its timing.
     """
-    place = folder(board, link, source)
+    known(board, link, source)
+    place, result = folder(board, link, source), kept(board, link, source)
+    if result:
+        check(board, result)
     for file in (place / "top.dfu", place / UNITS[board.family].bitstream):
-        if file.exists() and (place / "result.json").exists():
+        if result and file.exists():
             return file
     raise BoardError(
-        f"{board.name} has no bitstream in {place}: run 'make bitstream' first, of the same BOARD, LINK, SOURCE"
+        f"{board.name} has no bitstream in {place}: run 'make bitstream' first, with the same BOARD, LINK, SOURCE"
     )
 
 

@@ -25,7 +25,7 @@ scratchpad -set abc9.script "{_ABC}"
 synth_ecp5 {_ECP5} -top top -run map_gates:
 splitnets
 select -set carries t:CCU2C %co1:+[COUT] w:* %i
-select -set used t:* %ci1 w:* %i
+select -set used t:* %ci1 w:* %i o:* %u
 select -set last @carries @used %d %ci1:+[COUT] t:CCU2C %i
 select -set first t:CCU2C @carries %co1:+[CIN] %d
 chtype -set CCU2C_LAST @last

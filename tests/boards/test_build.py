@@ -2,6 +2,7 @@
 
 import json
 import stat
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -35,7 +36,10 @@ def test_a_board_is_built_in_full():
 
 def test_a_clock_that_is_too_slow_fails_in_one_sentence():
     result = Result("", 1.0, {}, {}, {"sync": 51.24, "camera": 80.0}, {"sync": 60.0, "camera": 50.0})
-    with pytest.raises(BoardError, match=r"ulx3s-12f does not meet its timing: sync reaches 51\.2 of 60 MHz; report"):
+    with pytest.raises(
+        BoardError,
+        match=r"ulx3s-12f does not meet its timing with .*: sync reaches 51\.2 of 60 MHz; report",
+    ):
         check(BOARD, result)
 
 
@@ -58,7 +62,7 @@ def test_a_placement_that_is_too_slow_begins_anew(tmp_path: Path, monkeypatch, e
     def read(place: Path, digest: str, seconds: float, seed: int) -> Result:
         return Result(digest, seconds, {}, {}, {"sync": 61.0 if seed >= enough else 59.0}, {"sync": 60.0}, {}, seed)
 
-    for name, replacement in (("BUILD", tmp_path), ("plan", plan), ("_run", lambda *_: None), ("_read", read)):
+    for name, replacement in (("BUILD", tmp_path), ("plan", plan), ("_run", lambda *_, **__: None), ("_read", read)):
         monkeypatch.setattr(boards.build, name, replacement)
     result = build(BOARD)
     assert tried == [None, *seeds]
@@ -77,7 +81,7 @@ def test_what_crosses_too_slowly_fails_too():
     crossing_ns = _crossings([*paths, {"from": "<async>", "to": names["pixel"], "path": parts}])
     assert crossing_ns == {"sync to pixel": 7.0, "pixel to sync": 7.0}
     mhz = {"sync": 60.0, "pixel": 150.0}
-    with pytest.raises(BoardError, match=r"timing: sync to pixel takes 7\.0 of 6\.7 ns; report"):
+    with pytest.raises(BoardError, match=r": sync to pixel takes 7\.0 of 6\.7 ns; report"):
         check(BOARD, Result("", 1.0, {}, {}, mhz, mhz, crossing_ns))
     check(BOARD, Result("", 1.0, {}, {}, mhz, mhz, {"pixel to sync": 7.0}))
 
@@ -97,11 +101,18 @@ def test_clocks_have_plain_names(net, name):
 
 
 def test_a_loader_that_fails_is_told_in_one_sentence(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("boards.program.folder", lambda board, link, source: tmp_path)
+    for module in ("program", "build"):
+        monkeypatch.setattr(f"boards.{module}.folder", lambda board, link, source: tmp_path)
+    with pytest.raises(BoardError, match="has no link 'film'"):
+        program.program(BOARD, "film")
     with pytest.raises(BoardError, match="run 'make bitstream' first"):
         program.program(BOARD, None)
     (tmp_path / "top.bit").write_bytes(b"bits")
-    (tmp_path / "result.json").write_text("{}")
+    slow = Result("", 1.0, {}, {}, {"sync": 59.0}, {"sync": 60.0})
+    (tmp_path / "result.json").write_text(json.dumps(asdict(slow)))
+    with pytest.raises(BoardError, match="does not meet its timing"):
+        program.program(BOARD, None)
+    (tmp_path / "result.json").write_text(json.dumps(asdict(replace(slow, mhz={"sync": 61.0}))))
     loader = tmp_path / "loader"
     cases = (
         ('echo "$@"; exit 0', None),
@@ -136,11 +147,11 @@ def test_the_table_replaces_the_last(tmp_path: Path):
     page.write_text(f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n")
     used = {"TRELLIS_COMB": 5, "DP16KD": 6, "MULT18X18D": 7}
     line = table.line(
-        "ulx3s-12f", "uart", Result("", 61.4, used, dict.fromkeys(used, 100), {"sync": 77.2}, {"sync": 60.0024})
+        BOARD, "uart", Result("", 61.4, used, dict.fromkeys(used, 100), {"sync": 77.2}, {"sync": 60.0024}, {}, 3)
     )
-    assert line == "| `ulx3s-12f` | uart | sync 77 (60) | 5 of 100 | 6 of 100 | 7 of 100 | 61 |"
+    assert line == "| `ulx3s-12f` | uart | sync 77 (60) | 3 | 5 of 100 | 6 of 100 | 7 of 100 | 61 |"
     table.insert([line], page)
     assert (
         page.read_text()
-        == f"before\n{table.BEGIN}\n{table.HEAD}\n|---|---|---|---:|---:|---:|---:|\n{line}\n{table.END}\nafter\n"
+        == f"before\n{table.BEGIN}\n{table.HEAD}\n|---|---|---|---:|---:|---:|---:|---:|\n{line}\n{table.END}\nafter\n"
     )

@@ -105,7 +105,7 @@ def test_nextpnr_begins_a_chain_with_a_cell_that_looks_at_no_carry(tmp_path: Pat
 
 @pytest.mark.parametrize("enabled", [True, False])
 def test_picked_on_an_ecp5_is_what_it_is_elsewhere(enabled: bool):
-    """All values, in a random order and with pauses of the enable."""
+    """All values, none, and an enable that pauses."""
     plain, boards = Picked(8, 5), Picked(8, 5)
     m = Module()
     m.submodules.plain = plain
@@ -136,11 +136,11 @@ def test_a_chain_keeps_a_carry_that_is_not_its_own(tmp_path: Path):
     """As is left of a chain whose first slots made a carry that is constant, and were taken away."""
     pins = ", ".join(f".{pin}{n}(i[{k}])" for n in range(2) for k, pin in enumerate("ABCD"))
     cell = 'CCU2C #(.INIT0(16\'h{init}), .INIT1(16\'h96AA), .INJECT1_0("NO"), .INJECT1_1("NO"))'
-    cells = "".join(
+    chains = "".join(
         f"{cell.format(init=init)} c{init}(.CIN(1'b0), {pins}, .S1(o[{2 * n}]), .COUT(o[{2 * n + 1}]));\n"
         for n, init in enumerate(("000A", "96AA"))
     )
-    (tmp_path / "top.v").write_text(f"module top(input [3:0] i, output [3:0] o);\n{cells}endmodule\n")
+    (tmp_path / "top.v").write_text(f"module top(input [3:0] i, output [3:0] o);\n{chains}endmodule\n")
     steps = ["read_verilog -lib +/ecp5/cells_sim.v", "read_verilog top.v"]
     yosys(tmp_path, "\n".join([*steps, "".join(ENDS), "select top", "write_json -selected top.json"]))
     made = json.loads((tmp_path / "top.json").read_text())["modules"]["top"]["cells"]

