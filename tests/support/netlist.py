@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -46,15 +46,7 @@ class Family:
 FAMILIES = (
     Family(
         "ice40",
-        Features(
-            max_columns=64,
-            max_rows=16,
-            background_cells=0,
-            isolate=False,
-            window=False,
-            speed_loop=False,
-            snapshot=False,
-        ),
+        replace(find("icebreaker").features, max_columns=64, max_rows=16),
         None,
         lambda: f"`define NO_ICE40_DEFAULT_ASSIGNMENTS\n{ICE40_CELLS.read_text()}",
     ),
