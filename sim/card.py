@@ -6,6 +6,7 @@ motor moves by the PWM of the slice before, its encoder's edges and the rows of 
 and the core runs through the slice.
 """
 
+import ctypes
 import time
 from typing import Protocol
 
@@ -76,6 +77,7 @@ class VirtualCard:
     world : scene or pictures
     terminal : where the host is
     clock_hz : of the card, see :func:`clock_hz`
+    compiled : its gateware
     real_time : keep to the wall clock where the machine is fast enough, and drop what the host does
         not read, as hardware does; otherwise run as fast as possible, and let card time stand still while
         the host does not read
@@ -86,11 +88,20 @@ class VirtualCard:
     pictures : shown so far
     """
 
-    def __init__(self, world: World, terminal: Terminal, clock_hz: int, *, real_time: bool, serial: int = 0) -> None:
+    def __init__(
+        self,
+        world: World,
+        terminal: Terminal,
+        clock_hz: int,
+        compiled: ctypes.CDLL,
+        *,
+        real_time: bool,
+        serial: int = 0,
+    ) -> None:
         self._world = world
         self._terminal = terminal
         self._real_time = real_time
-        self._core = SimulatedCore(clock_hz, BYTES_PER_SECOND, serial)
+        self._core = SimulatedCore(clock_hz, BYTES_PER_SECOND, serial, compiled)
         levels = [(0, signal, level) for signal, level in world.drive.levels().items()]
         self._core.pins(np.array([*levels, (0, INTERLOCK, 1)], PIN))
         self._outputs = Outputs(0, 0, 0, laser=False, lamp=False, run=False)

@@ -58,8 +58,6 @@ def run(
                 raise SimError(f"{name} does not go with --pattern: the picture is the card's own.")
         run_pattern(link, number, board or "", real_time=pace == "real")
         return
-    if board is not None:
-        raise SimError("--board goes with --pattern; other virtual cards are built with everything.")
     if scene is not None:
         if angles is not None:
             raise SimError("--angles goes with --frames: a scene has a motor of its own.")
@@ -81,10 +79,10 @@ def run(
         clock = clock_hz(pictures.width, timing)
         world = PictureWorld(pictures, read_angles(angles, len(pictures)), timing, counts_per_turn, clock)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the link goes when the card is told to end
-    library()  # compiled before the port appears: a host that opens it gets answers
+    compiled = library(None, board or "")  # before the port appears: a host that opens it gets answers
     terminal = Terminal(link)
     try:
-        card = VirtualCard(world, terminal, clock, real_time=pace == "real", serial=number)
+        card = VirtualCard(world, terminal, clock, compiled, real_time=pace == "real", serial=number)
         click.echo(
             f"virtual card on {terminal.name}: {world.width} x {world.height}, {world.frames} pictures", err=True
         )

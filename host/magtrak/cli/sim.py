@@ -10,9 +10,7 @@ PATH = click.Path(path_type=Path)
 @click.command()
 @click.option("--scene", metavar="NAME|FILE.toml", help="Show a scene: 'default', 'quick', or a file.")
 @click.option("--pattern", is_flag=True, help="Show the card's own test picture, for `magtrak self-test`; for ever.")
-@click.option(
-    "--board", metavar="NAME", help="Built as the card on that board, with --pattern.  [default: with everything]"
-)
+@click.option("--board", metavar="NAME", help="Built as the card on that board.  [default: with everything]")
 @click.option("--frames", type=PATH, metavar="DIR", help="Show the pictures of a folder, in name order.")
 @click.option(
     "--angles", type=PATH, metavar="FILE.csv", help="Angles of the pictures: frame,angle_start_deg,angle_end_deg."
