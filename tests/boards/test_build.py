@@ -4,12 +4,13 @@ import json
 import stat
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
 import boards.build
 from boards import program, table
-from boards.build import TRIES, UNITS, Result, _crossings, _plain, build, check, folder, summary
+from boards.build import TRIES, UNITS, Result, _crossings, _digest, _plain, build, check, folder, summary
 from boards.catalogue import BOARDS
 from boards.dfu import suffixed
 from boards.errors import BoardError
@@ -49,8 +50,7 @@ def test_a_placement_that_is_too_slow_begins_anew(tmp_path: Path, monkeypatch, e
     tried = []
 
     class Plan:
-        def digest(self, size: int) -> bytes:
-            return bytes(size)
+        files: ClassVar[dict[str, str]] = {"top.il": "module"}
 
         def extract(self, place: Path) -> None:
             pass
@@ -70,6 +70,14 @@ def test_a_placement_that_is_too_slow_begins_anew(tmp_path: Path, monkeypatch, e
     assert bool(result.missed) == (enough > TRIES)
     assert build(BOARD) == result
     assert tried[len(seeds) + 1 :] == [None]
+
+
+def test_a_digest_is_of_names_and_contents_but_of_no_address():
+    netlist = {"top.il": "cell \\USBStreamInEndpoint_139763209382288", "top.ys": b"read"}
+    digest = _digest(netlist)
+    assert digest == _digest({**netlist, "top.il": "cell \\USBStreamInEndpoint_140271529683472"})
+    assert digest != _digest({**netlist, "top.il": "cell \\USBStreamOutEndpoint_139763209382288"})
+    assert digest != _digest({"top.il": netlist["top.il"], "top.ysread": b""})
 
 
 def test_what_crosses_too_slowly_fails_too():
